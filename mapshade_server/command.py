@@ -79,10 +79,10 @@ def mapshade_server(
         clients = clients_of(Role.MAPSHADE_SERVER, token, connect, wait_at, patience, resident, keep, tls)
         stack.enter_context(closing(clients))
 
-        def serve_one() -> None:
+        def serve_one() -> bool:
             client = clients.next(new_hello(Role.MAPSHADE_SERVER, name=process_name(name)))
             try:
-                MapShadeServer(
+                return MapShadeServer(
                     client, token, threads_of(threads, sharing), held, silence, root, Encryption.of(tls), counts
                 ).run()
             finally:

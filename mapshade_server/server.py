@@ -80,7 +80,8 @@ class MapShadeServer:
         self._spans = UNTRACED  # of the newest frame
         self._frame_came = 0.0  # when that was received
         self._newest_frame = 0  # written by the receiving thread, read by the working one
-        self._over = False  # the client has ended the session
+        self._over = False  # the client has ended the session …
+        self._another = False  # … and begins another one at once
         self._failure: VolsplatError | None = None  # how the client was lost
         self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption)
         # As many at once as a frame has walkers: one that waited for another could wait for ever
@@ -91,8 +92,11 @@ class MapShadeServer:
         self._held = held or HeldVolume()
         self._held.superseded = lambda assignment: self._newest_assignment > assignment
 
-    def run(self) -> None:
-        """Serve until the client ends the session. Raises VolsplatError where the client is lost."""
+    def run(self) -> bool:
+        """Serve until the client ends the session; returns whether it begins another one at once.
+
+        Raises VolsplatError where the client is lost.
+        """
         receiver = threading.Thread(target=self._receive, name="receive from client", daemon=True)
         receiver.start()
         try:
@@ -111,6 +115,7 @@ class MapShadeServer:
             self._reading_ahead.shutdown()
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
             raise self._failure
+        return self._another
 
     @property
     def _ended(self) -> bool:
@@ -136,6 +141,7 @@ class MapShadeServer:
             return False
         if received.message.ends:
             self._over = True
+            self._another = isinstance(received.message, messages.EndSession) and received.message.another
             return False
         match received.message:
             case messages.RenderFrame(frame=frame):

@@ -92,19 +92,19 @@ class Clients:
         self._departure.attend(client)
         return client
 
-    def serve(self, one: Callable[[], None]) -> None:
-        """Serve one client after the other by `one`, which finds it by next().
+    def serve(self, one: Callable[[], bool]) -> None:
+        """Serve one client after the other by `one`, which finds it by next(), and returns whether it comes again.
 
         Ends where a client has ended its session, unless the server is resident; then where none comes; and by SIGTERM
         (see departure). Raises what says why there was none, or why it was lost.
         """
         lost: PeerLost | RemoteProtocolError | None = None
-        short = 0
+        short, again = 0, False
         while True:
             self._found = False
             began = time.monotonic()
             try:
-                one()
+                again = one()
                 lost = None
             except (PeerLost, RemoteProtocolError) as error:
                 short = short + 1 if time.monotonic() - began < SHORT_SECONDS else 0
@@ -116,7 +116,7 @@ class Clients:
                     raise
                 lost = PeerLost(str(error))
             self._departure.attend(None)
-            if self._departure.begun or (lost is None and not self._life.resident):
+            if self._departure.begun or (lost is None and not (again or self._life.resident)):
                 return
             self._lost = lost is not None
             if lost is not None:

@@ -87,7 +87,7 @@ def splat_server(
         closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients,
     ):
 
-        def serve_one() -> None:
+        def serve_one() -> bool:
             invitations = Invitations(token)
             with Listener(
                 Role.SPLAT_SERVER,
@@ -101,7 +101,7 @@ def splat_server(
                 host, port = told_address(data_links.address, advertise)
                 hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name(name))
                 client, owners = clients.next(hello), threads_of(threads, sharing)
-                SplatServer(client, data_links, invitations, owners, silence, counts).run()
+                return SplatServer(client, data_links, invitations, owners, silence, counts).run()
 
         clients.serve(serve_one)
 

@@ -69,6 +69,7 @@ class SplatServer:
         self._merge = Merge()
         self._requests: deque[messages.Message | None] = deque()  # None: the session is over
         self._over = False
+        self._another = False  # the client ended the session, and begins another one at once
         self._failure: VolsplatError | None = None  # why the session is over, unless the client ended it
         # Touched by the working thread alone.
         self._images_wanted: deque[messages.ReadImage] = deque()  # asked for while another was being sent
@@ -90,8 +91,11 @@ class SplatServer:
         self._merge_news = MergeNews()
         self._outbox = Outbox(client, image_sent=self._news.ring, failed=self._end)
 
-    def run(self) -> None:
-        """Serve until the client ends the session. Raises VolsplatError where the client is lost."""
+    def run(self) -> bool:
+        """Serve until the client ends the session; returns whether it begins another one at once.
+
+        Raises VolsplatError where the client is lost.
+        """
         receiver = threading.Thread(target=self._receive_requests, name="receive from client", daemon=True)
         receiver.start()
         try:
@@ -106,6 +110,7 @@ class SplatServer:
             self._owners.close()
         if self._failure is not None:
             raise self._failure
+        return self._another
 
     def _work(self) -> None:
         while True:
@@ -309,7 +314,8 @@ class SplatServer:
     def _receive_requests(self) -> None:
         try:
             while (received := self._client.receive()) is not None:
-                if received.message.ends:
+                if isinstance(received.message, messages.EndSession):
+                    self._another = received.message.another
                     break
                 if isinstance(received.message, messages.InviteWorkers):  # must not wait behind a frame
                     self._invite(received.message)

@@ -56,8 +56,9 @@ def _parameters(command: Callable[..., Any]) -> list[click.Parameter]:
     return list(getattr(command, "__click_params__", []))
 
 
-def _files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """The shell's own completion of files."""
     return [CompletionItem(incomplete, type="file")]
 
 
-volume_argument = click.argument("volume", shell_complete=_files)
+volume_argument = click.argument("volume", shell_complete=complete_files)

@@ -199,8 +199,8 @@ def opened_quietly(
         yield session
 
 
-def session_of(volume: str, servers: Servers, spawns: bool, say: Callable[[str], None]) -> Session:
-    """A session that these servers draw for; it does not wait for its volume."""
+def session_of(volume: str | None, servers: Servers, spawns: bool, say: Callable[[str], None]) -> Session:
+    """A session that these servers draw for, if there is a volume; it does not wait for that."""
     return Session(
         volume,
         workers=servers.workers,

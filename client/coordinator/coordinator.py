@@ -73,7 +73,7 @@ class Coordinator:
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.voxels = FileVoxels(self.holding)
-        self.folders = FolderListings(self.servers)
+        self.folders = FolderListings(self.servers, self.holding)
         self.ahead = ReadingAhead(self.holding)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
@@ -179,7 +179,9 @@ class Coordinator:
     @takes(MachineDescribed)
     def _machine_described(self, message: MachineDescribed, event: MessageReceived) -> list[Instruction]:
         self.servers.describe(event.server, message)
-        return self._gathered() if self.holding.phase == Phase.GATHERING else self._join(event.server)
+        if self.holding.phase is Phase.GATHERING:
+            return [*self.folders.send(), *self._gathered()]
+        return self._join(event.server)
 
     def _join(self, server: int) -> list[Instruction]:
         """One that comes later than the volume: a splat server draws from the next frame on, others get a part."""

@@ -2,35 +2,48 @@
 
 from volsplat.client.coordinator.coordinator_events import Answer, FolderAsked, Instruction, MessageReceived, Send
 from volsplat.client.coordinator.open_questions import AskedOfOne
-from volsplat.client.coordinator.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.servers import Servers
+from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.messages.folder_messages import FolderListed, ListFolder
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, PeerLost
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 
 MOST_WAITING = 8  # answers, for all that look
 
 
 class FolderListings(AskedOfOne):
-    """Of whichever server is there."""
+    """Of whichever server is there. While servers are waited for, questions wait for the first of them."""
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: Servers, holding: VolumeHolding) -> None:
         super().__init__()
         self._servers = servers
+        self._holding = holding
+        self._waiting: list[FolderAsked] = []
 
     @takes(FolderAsked)
     def _ask(self, event: FolderAsked) -> list[Instruction]:
+        if len(self._open) + len(self._waiting) >= MOST_WAITING:
+            return [Answer(event.probe, error=BadInput("the servers are still busy with other folders; try again"))]
+        if not self._servers.ready(Role.MAPSHADE_SERVER) and self._holding.phase is not Phase.GATHERING:
+            return [Answer(event.probe, error=PeerLost("no map/shade server is there to look at folders; try again"))]
+        self._waiting.append(event)
+        return self.send()
+
+    def send(self) -> list[Instruction]:
+        """Ask what waits, if there is somebody by now who can tell."""
         there = self._servers.ready(Role.MAPSHADE_SERVER)
         if not there:
-            return [Answer(event.probe, error=PeerLost("no map/shade server is there to look at folders; try again"))]
-        if len(self._open) >= MOST_WAITING:
-            return [Answer(event.probe, error=BadInput("the servers are still busy with other folders; try again"))]
-        self._open[event.probe] = there[0]
-        ask = ListFolder(probe=event.probe, path=event.root, folder=event.folder, words=event.words)
-        return [Send(there[0], ask)]
+            return []
+        waiting, self._waiting = self._waiting, []
+        self._open |= {one.probe: there[0] for one in waiting}
+        return [
+            Send(there[0], ListFolder(probe=one.probe, path=one.root, folder=one.folder, words=one.words))
+            for one in waiting
+        ]
 
-    @takes(FolderListed, *SURVEYED_PHASES)
+    @takes(FolderListed)
     def _listed(self, message: FolderListed, event: MessageReceived) -> list[Instruction]:
         return self._answer(message.probe, message)
 
@@ -38,7 +51,13 @@ class FolderListings(AskedOfOne):
         """Nothing more will come from this server."""
         return self._end(server, PeerLost("the map/shade server that looked at the folder was lost; try again"))
 
+    def failed(self, error: VolsplatError) -> list[Instruction]:
+        """All end in an error, those that wait included."""
+        waiting, self._waiting = self._waiting, []
+        return [*super().failed(error), *(Answer(one.probe, error=error) for one in waiting)]
+
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken."""
-        assert len(self._open) <= MOST_WAITING, "too many wait"
+        assert len(self._open) + len(self._waiting) <= MOST_WAITING, "too many wait"
+        assert not (self._waiting and self._servers.ready(Role.MAPSHADE_SERVER)), "nobody asks who is there"
         assert set(self._open.values()) <= self._servers.joined.keys(), "a server that is gone is waited for"

@@ -37,4 +37,5 @@ def show_page(session: Session, scene: Scene, port: int, browser: bool, grace: f
             if tab is not None:
                 tab.make_room()
             with suppress(KeyboardInterrupt):  # which is how a person is done with it
-                Application(ShownVolume(opened_viewing(session, scene)), page, address, grace).run(ready)
+                viewing = opened_viewing(session, scene)
+                Application(ShownVolume(viewing), lambda: page(viewing), address, grace).run(ready)

@@ -71,7 +71,7 @@ class ServerLinks:
         self._counts = counts or Counts()
         self._closing = False
         self.session = secrets.token_hex(4)  # as logs name it, of all processes
-        self._token = token
+        self.token = token
         self.encryption = encryption
         self._connections: dict[int, Connection] = {}
         self._outgoing: dict[int, Outgoing] = {}
@@ -115,7 +115,7 @@ class ServerLinks:
             (Program.MAPSHADE_SERVER, workers, held),
         ):
             for share in shared_out(threads, count):
-                self._local.start(program, str(self.address), self._token, share, options)
+                self._local.start(program, str(self.address), self.token, share, options)
 
     def present(self) -> set[str]:
         """How the servers that are there name their processes."""

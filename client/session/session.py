@@ -114,17 +114,17 @@ class Session:
     """A volume held by map/shade servers, and drawn by splat servers that share out the image.
 
     `volume` is a path as the servers see it, or an array or image in memory, which servers of this machine share. With
-    `spawn` the servers are started on this machine, and share out its cores or as many `threads`; without it they are
-    started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
-    volume; by default half of what its machine has left, shared with the others there. With the path of a `cluster`
-    file its servers are used, brought up for this session alone if they are not yet. A volume that is not `held` is
-    surveyed a few sheets at a time, and only read when something is drawn of it. A server that says nothing for
-    `silence` seconds counts as lost: others take over what it held. Links between
-    machines are encrypted, with `tls` those of this one as well, with False none; servers that are started by hand must
-    be told the same. Of each finished frame what every process did when goes into the file `trace`, as JSON that
-    chrome://tracing and Perfetto load. Servers that are started here read nothing outside of the folder `data_root`, if
-    given; Linux alone can hold them to it. `on_progress` gets one line for each thing that takes time, on a thread of
-    the session.
+    None there is nothing to draw, and the servers tell what lies in folders. With `spawn` the servers are started on
+    this machine, and share out its cores or as many `threads`; without it they are started by hand and join at
+    `listen`. `memory` is how many bytes each map/shade server may hold of a prepared volume; by default half of what
+    its machine has left, shared with the others there. With the path of a `cluster` file its servers are used, brought
+    up for this session alone if they are not yet. A volume that is not `held` is surveyed a few sheets at a time, and
+    only read when something is drawn of it. A server that says nothing for `silence` seconds counts as lost: others
+    take over what it held. Links between machines are encrypted, with `tls` those of this one as well, with False none;
+    servers that are started by hand must be told the same. Of each finished frame what every process did when goes into
+    the file `trace`, as JSON that chrome://tracing and Perfetto load. Servers that are started here read nothing
+    outside of the folder `data_root`, if given; Linux alone can hold them to it. `on_progress` gets one line for each
+    thing that takes time, on a thread of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
     Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with
@@ -133,7 +133,7 @@ class Session:
 
     def __init__(
         self,
-        volume: str | Path | Any,
+        volume: str | Path | Any | None,
         *,
         workers: int | None = None,
         splat_servers: int = 1,
@@ -153,7 +153,7 @@ class Session:
         self._in_memory = volume_in_memory(volume)  # given back when nobody holds it
         if self._in_memory is not None and (cluster is not None or not spawn):
             raise BadInput(SAVE_FIRST)
-        name = checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
         listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_bytes(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")
@@ -179,7 +179,9 @@ class Session:
         self.counts = Counts()  # what was done, and lost
         self._planned = 0  # the newest frame of which the trace has the plan
         self._volume_known = threading.Event()  # set when _volume or _failure is
+        self._has_volume = name is not None
         self._closed = False
+        self._another = False  # whether one more begins at the same address once this one is closed
         self._closing = threading.Lock()  # guards _closed, until nothing is left
 
         with self._cluster.beginning() if self._cluster is not None else nullcontext():
@@ -198,13 +200,13 @@ class Session:
         self._coordinator_thread.start()
         atexit.register(self.close)  # a script may forget to
         self._spawns = spawn
-        path = self._as_servers_see(name)
         try:
             if self._cluster is not None:
                 self._cluster.join(self._links)
             if spawn:
                 self._links.start(workers, splat_servers, threads, None if data_root is None else str(data_root))
-            self._events.put(VolumeAsked(path, workers, splat_servers, memory, held))
+            if name is not None:
+                self._events.put(VolumeAsked(self._as_servers_see(name), workers, splat_servers, memory, held))
         except BaseException:
             self.close()
             raise
@@ -215,6 +217,11 @@ class Session:
     def address(self) -> Address:
         """Where servers join."""
         return self._links.address
+
+    @property
+    def token(self) -> Token:
+        """What they must know for it."""
+        return self._links.token
 
     @property
     def server_processes(self) -> list[int]:
@@ -234,6 +241,7 @@ class Session:
     @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until every server has read its sub-cube."""
+        self._check_has_volume()
         self._volume_known.wait()
         if self._volume is None:
             raise self._failure or PeerLost("the session is closed")
@@ -416,13 +424,18 @@ class Session:
         Raises BadInput if there is no such folder, or it cannot be read, and PeerLost if no server is there to look.
         """
         seen = self._as_servers_see(checked_volume(root))
-        found = self._ask_about(lambda number: FolderAsked(number, seen, folder, words)).result()
+        if self._has_volume:
+            self.volume  # noqa: B018  until it is known there may be no server
+        found = self._asked(lambda number: FolderAsked(number, seen, folder, words)).result()
         assert isinstance(found, messages.FolderListed), "it is listed, or an error says why not"
         return found
 
     def _ask_about(self, question: Callable[[int], Question]) -> Future[Found]:
         """Where the answer will be to a question, given its number."""
         self.volume  # noqa: B018  until it is known there is nothing to be told
+        return self._asked(question)
+
+    def _asked(self, question: Callable[[int], Question]) -> Future[Found]:
         number, answer = self._answers.ask()
         self._events.put(question(number))
         return answer
@@ -438,15 +451,20 @@ class Session:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
         self._events.put(AbortAsked(self._frames.supersede()))
 
-    def close(self) -> None:
+    def close(self, another: bool = False) -> None:
         """End the session and every server that it started, within two seconds. Safe to call twice.
 
+        With `another` those started by hand look for one more session at the same address.
         Ctrl-C meanwhile waits for that: nothing may be left of the servers.
         """
         with interrupts_held(on_signal=lambda: None), self._closing:
             if not self._closed:
-                self._closed = True
+                self._closed, self._another = True, another
                 self._close()
+
+    def _check_has_volume(self) -> None:
+        if not self._has_volume:
+            raise BadInput("this session has no volume, of which it could tell or draw; open one that has")
 
     def _as_servers_see(self, name: str) -> str:
         """The name of a file or folder as it is told to them."""
@@ -482,6 +500,7 @@ class Session:
         self, scene: Scene, step: Step, require_complete: bool, after: int | None = None, exact: bool = True
     ) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`, and BadInput."""
+        self._check_has_volume()
         check_room_for_image(scene.image.width, scene.image.height)
         frame, answers = self._frames.ask(after)
         self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
@@ -500,7 +519,7 @@ class Session:
         except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
             log.exception("the session cannot go on")
             self._fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
-        self._links.send_to_all(messages.EndSession())
+        self._links.send_to_all(messages.EndSession(another=self._another))
 
     def _traced(self, instruction: Instruction, began: float) -> Instruction:
         """As it is, or with the wish that it be traced, where it begins a frame that was planned since a moment."""

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager, contextmanager
 import nicegui
 import uvicorn
 from fastapi import FastAPI
-from nicegui import ui
+from nicegui import context, ui
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -33,7 +33,6 @@ from volsplat.client.ui.viewing.saving import (
     check_link_is_of,
     scene_from_link,
 )
-from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.viewport_link import serve_viewport, turn_away
 from volsplat.protocol.text.errors import BadInput
 
@@ -79,12 +78,20 @@ class OpenPages:
 
     @asynccontextmanager
     async def one_more(self) -> AsyncIterator[None]:
-        self._open += 1
+        closed = self.opened()
         try:
             yield
         finally:
-            self._open -= 1
-            self._none_since = time.monotonic()
+            closed()
+
+    def opened(self) -> Callable[[], None]:
+        """A page without a viewport is open, until what is returned is called."""
+        self._open += 1
+        return self._closed
+
+    def _closed(self) -> None:
+        self._open -= 1
+        self._none_since = time.monotonic()
 
     def none_for(self, seconds: float) -> bool:
         return self._open == 0 and time.monotonic() - self._none_since >= seconds
@@ -93,9 +100,8 @@ class OpenPages:
 class Application:
     """Serves what is shown at the address until told to stop, or until no page has been open for `grace` seconds."""
 
-    def __init__(
-        self, shown: ShownVolume, build_page: Callable[[Viewing], None], address: PageAddress, grace: float
-    ) -> None:
+    def __init__(self, shown: ShownVolume, build_page: Callable[[], None], address: PageAddress, grace: float) -> None:
+        """`build_page` builds that of what is shown now."""
         self._shown = shown
         self._build_page = build_page
         self._pages = OpenPages()
@@ -165,7 +171,7 @@ class Application:
     async def _viewport(self, socket: WebSocket, tab: str, volume: int | None = None) -> None:
         """The page says of which volume it is: a tab that was away may have missed that another one is shown."""
         viewing = self._shown.viewing
-        if volume not in (None, viewing.number):
+        if viewing is None or volume not in (None, viewing.number):
             await turn_away(socket)
             return
         async with self._pages.one_more():
@@ -175,7 +181,9 @@ class Application:
         """The page. A link to a scene puts that in force and leads to the page without it, which may be loaded anew."""
         viewing = self._shown.viewing
         link = request.query_params.get(SCENE_PARAMETER)
-        if link is not None:
+        if viewing is None:
+            context.client.on_delete(self._pages.opened())
+        elif link is not None:
             try:
                 check_link_is_of(request.query_params.get(VOLUME_PARAMETER), viewing.volume.description)
                 viewing.show_scene(scene_from_link(link, viewing.default_scene))
@@ -183,7 +191,7 @@ class Application:
             except (BadInput, ValueError) as error:
                 ui.notify(str(error), type="warning", timeout=0, close_button=True)
         self._pages.coming()
-        self._build_page(viewing)
+        self._build_page()
         return None
 
 

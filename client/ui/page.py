@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from volsplat.client.ui.controls.page_frame import page_frame, theme_button
 from volsplat.client.ui.opening.open_dialog import OpenDialog
 from volsplat.client.ui.opening.opening import Opening
 from volsplat.client.ui.panels.colour_bar import ColourBar
@@ -23,8 +24,6 @@ from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.viewport_element import viewport_element
 
-STYLES = ("theme.css", "page.css")
-
 
 def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | None = None) -> None:
     """Build the page for one tab.
@@ -32,10 +31,7 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
     Without a `restart`, a session that has ended stays so; without `opening`, it stays with this volume.
     """
     description = viewing.volume.description
-    for style in STYLES:
-        ui.add_head_html(f'<link rel="stylesheet" href="volsplat/static/{style}">')
-    ui.page_title(f"{description.name} – volsplat")
-    ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
+    page_frame(description.name)
     with ui.element("div").classes("vs-page"):  # within NiceGUI's main
         skip_links()
         with ui.element("header").classes("vs-head").props("role=banner"):
@@ -48,7 +44,7 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             steps_bar(viewing)
             ui.element("div").classes("vs-spread")
             save_panel(viewing)
-            _theme_button()
+            theme_button()
             Drawers()
         with ui.element("aside").classes("vs-left").props("aria-label=scene"):
             scene_panels(viewing)
@@ -64,10 +60,3 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             servers_panel(viewing)
         Folding()
         PanelWidths()
-
-
-def _theme_button() -> None:
-    # NiceGUI's own element for this sets the theme at each rendering of the page, which styles all of it anew.
-    button = ui.button(icon="contrast").props("flat dense round aria-label='light or dark'")
-    button.tooltip("light or dark")
-    button.on("click", js_handler="() => Quasar.Dark.toggle()")

@@ -25,7 +25,7 @@ def listed(request: ListFolder) -> FolderListed:
     """The answer. Raises BadInput for what is no folder, or does not lie below the root."""
     folder = _below(request.path, request.folder)
     try:
-        entries, left_out = _entries(Path(request.path).resolve(), folder, request.words.casefold())
+        entries, left_out = _entries(Path(request.path).resolve(), folder, request.words)
     except OSError as error:
         reason = os.strerror(error.errno or 0)
         raise BadInput(f"{request.folder or folder.name}: cannot be listed ({reason}); check its permissions") from None
@@ -44,7 +44,9 @@ def _below(root: str, folder: str) -> Path:
     raise BadInput(f"{folder or root}: is no folder below the one that volumes are opened from; choose another one")
 
 
-def _entries(root: Path, folder: Path, words: str) -> tuple[list[FolderEntry], int]:
+def _entries(root: Path, folder: Path, exactly: str) -> tuple[list[FolderEntry], int]:
+    """What has these words in its name, first what is named exactly so: it is told however much there is beside it."""
+    words = exactly.casefold()
     folders, files = _sorted(root, folder)
     images, volumes, left_out = list[Path](), list[FolderEntry](), 0
     entries = [_folder(path) for path in folders if words in path.name.casefold()]
@@ -55,12 +57,12 @@ def _entries(root: Path, folder: Path, words: str) -> tuple[list[FolderEntry], i
         if found is DICOM:
             images.append(path)
         elif words in path.name.casefold():
-            if len(volumes) < room:
+            if len(volumes) < room or path.name == exactly:
                 volumes.append(_file(path, found))
             else:
                 left_out += 1
     whole = [entry for entry in (*_slices(folder), *_series(images)) if words in entry.kind.casefold()]
-    every = [*entries, *whole, *volumes]
+    every = sorted([*entries, *whole, *volumes], key=lambda entry: not entry.name or entry.name != exactly)
     return every[:MOST_ENTRIES], left_out + max(len(every) - MOST_ENTRIES, 0)
 
 

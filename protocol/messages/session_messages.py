@@ -135,4 +135,9 @@ class Refused(Message, frozen=True):
 
 @says(CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, ends=True)
 class EndSession(Message, frozen=True):
-    """Client to map/shade server and splat server: the session is over, exit. Nothing follows it."""
+    """Client to map/shade server and splat server: the session is over, exit. Nothing follows it.
+
+    With `another` the client begins one more at the same address at once: be found there instead.
+    """
+
+    another: bool = False

@@ -125,6 +125,15 @@ def test_of_a_large_folder_the_first_are_told_and_a_part_of_a_name_finds_the_res
     assert [entry.name for entry in found.entries] == [f"{last}.npy"] and found.left_out == 0
 
 
+def test_what_is_named_exactly_is_told_first_however_many_have_its_name_in_theirs(root: Path) -> None:
+    np.save(root / "z.npy", np.zeros((2, 2, 2), np.uint8))
+    for number in range(MOST_ENTRIES + 1):
+        (root / f"{number}z.npy").symlink_to("z.npy")
+        (root / f"{number}z.npy.d").mkdir()
+    told = look(root, words="z.npy")
+    assert told.entries[0].name == "z.npy" and len(told.entries) == MOST_ENTRIES
+
+
 def test_a_folder_that_may_not_be_read_is_refused_in_one_line(root: Path) -> None:
     (root / "shut").mkdir(mode=0)
     if os.access(root / "shut", os.R_OK):

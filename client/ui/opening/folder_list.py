@@ -10,7 +10,7 @@ from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.doors.static_files import MODULES
 
-FOLDER, VOLUME, UP = "folder", "view_in_ar", "drive_folder_upload"
+FOLDER, VOLUME, UP, PHANTOM = "folder", "view_in_ar", "drive_folder_upload", "auto_awesome"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Opens another volume in the place of the one that is shown. That is drawn on until the other one is there."""
+"""Opens another volume in the place of the one that is shown, or the first. What is shown is drawn on until then."""
 
 from __future__ import annotations
 
@@ -6,36 +6,47 @@ import asyncio
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from os.path import normpath
 from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.client.scene.resized import sized
 from volsplat.client.session.session import Session
 from volsplat.client.ui.opening.kept_tables import with_tables_of
+from volsplat.client.ui.opening.phantom_files import GIVEN_UP, PhantomFiles
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Feed, Viewing
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume_name import VolumeName, volume_name
 from volsplat.protocol.messages.folder_messages import FolderListed
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 MOST_RECENT = 10
-GIVEN_UP = "it was given up"
+SERVERS_FOLDER = "the servers' folder"  # in which they were started, or their --data-root
 
 Say = Callable[[str], None]
-OpenSession = Callable[[str, Say], Session]  # of a volume; it is given what to do with words for what takes time
+# Of a volume, and of servers that read nothing outside of a folder, if one is given; with what to do with words for
+# what takes time.
+OpenSession = Callable[[str, str | None, Say], Session]
 MakeViewing = Callable[[Session, Scene | None], Viewing]  # of a scene, or of the one that suits the volume
 
 
 class Place(NamedTuple):
-    """A volume below the root: the way to its folder, its name there ("" for the folder itself), and the part meant."""
+    """A volume below the root: the way to its folder, its name there ("" for the folder itself), and the part meant.
+
+    Or a phantom, by its name.
+    """
 
     folder: str
     name: str
     part: str = ""
+    is_phantom: bool = False
 
     def __str__(self) -> str:
+        if self.is_phantom:
+            return f"phantom {self.name}"
         return str(VolumeName("/".join(filter(None, (self.folder, self.name))) or ".", self.part))
 
 
@@ -50,45 +61,70 @@ class News:
 class Opening:
     """Any tab may list folders below `root` and open what lies there, one volume at a time.
 
-    `root` and names are as the servers see them. `first` is the volume that is shown already. Servers that serve one
-    session at a time, `alone`, leave what is shown before they open another one, and come back to it if that fails.
+    `root` and names are as the servers see them. `first` is the volume that is shown already, if one is. Servers that
+    serve one session at a time, `alone`, leave what is shown before they open another one, and come back to it if that
+    fails. `phantoms` can be opened as well, by servers that see this machine's files.
     """
 
     def __init__(
         self,
         shown: ShownVolume,
         root: str,
-        first: str,
+        first: str | None,
         open_session: OpenSession,
         make_viewing: MakeViewing,
         alone: bool = False,
+        phantoms: PhantomFiles | None = None,
     ) -> None:
         self._shown = shown
         self._root = root
         self._open_session = open_session
         self._make_viewing = make_viewing
         self._alone = alone
+        self._phantoms = phantoms
         self._telling = threading.Lock()  # guards what is told now
         self.news: Feed[News] = Feed()
         self.now = News("", "")
         self.recent: list[Place] = []  # newest first
         self._left: dict[Place, Scene] = {}  # how volumes looked when others were opened
         self._cancelled = False
-        self._place = place_below(root, first)
+        self._place = None if first is None else place_below(root, first)
         self._note(self._place)
 
     @property
     def root_name(self) -> str:
-        return Path(self._root).name or self._root
+        return Path(self._root).name or (SERVERS_FOLDER if self._root == "." else self._root)
+
+    @property
+    def waits_for_servers(self) -> bool:
+        """Whether nobody is there yet who can tell what lies in folders."""
+        return all(server.role is not Role.MAPSHADE_SERVER or server.lost for server in self._shown.session.servers)
 
     @property
     def first_folder(self) -> str:
         """The folder to begin with: that of the volume that is shown."""
         return "" if self._place is None else self._place.folder
 
+    @property
+    def phantoms(self) -> list[str]:
+        """The names of those that can be opened."""
+        return self._phantoms.names if self._phantoms is not None else []
+
     def listed(self, folder: str, words: str) -> FolderListed:
         """What lies there; waits for a server. Raises BadInput and PeerLost."""
-        return self._shown.viewing.session.list_folder(self._root, folder, words)
+        return self._shown.session.list_folder(self._root, folder, words)
+
+    def place_named(self, folder: str, typed: str) -> Place | str:
+        """The volume at the end of a way from a folder, or from the root, or the folder there. Raises BadInput."""
+        name = volume_name(typed)
+        below = place_below(normpath(self._root), normpath(Path(self._root, folder, name.place)))
+        if below is None:
+            raise BadInput(f"{typed}: is not below {self.root_name}; choose another one")
+        if below.name and not name.part:
+            there = self.listed(below.folder, below.name)
+            if any(entry.is_folder and entry.name == below.name for entry in there.entries):
+                return "/".join(filter(None, (below.folder, below.name)))
+        return below._replace(part=name.part)
 
     async def open(self, place: Place, keep_tables: bool) -> None:
         """Show this volume, in all tabs, once it can be drawn; returns then.
@@ -98,13 +134,16 @@ class Opening:
         if self.now.opening:
             raise BadInput(f"{self.now.opening} is being opened; wait for it, or cancel that")
         viewing = self._shown.viewing
-        if viewing.jobs:
+        if viewing is not None and viewing.jobs:
             raise BadInput("a movie is being made of the volume that is shown; wait for it, or cancel it")
         self.news.attach(asyncio.get_running_loop())
         self._cancelled = False
         self._tell(News(str(place), "starting"))
         try:
             opened = await asyncio.to_thread(self._opened, place, viewing, keep_tables)
+            if self._cancelled:
+                await asyncio.to_thread(self._let_go, opened)
+                raise BadInput(GIVEN_UP)
             self._show(opened, place)
         finally:
             self._shown.expect(None)
@@ -113,63 +152,68 @@ class Opening:
     def cancel(self) -> None:
         """Give up what is being opened, if anything is."""
         self._cancelled = True
-        self._shown.give_up()
+        self._shown.give_up(another=self._alone)
+
+    def _let_go(self, opened: Viewing) -> None:
+        """It was given up when it was there."""
+        opened.session.close(another=self._alone)
+        if self._alone:
+            self._shown.come_back()
 
     def _show(self, opened: Viewing, place: Place) -> None:
         """In the event loop's thread, in which nothing else happens meanwhile."""
-        if self._cancelled:
-            opened.close()
-            raise BadInput(GIVEN_UP)
-        before, volume = self._shown.viewing, self._name_of(place)
-        if self._place is not None:
+        before, (volume, held_to) = self._shown.viewing, self._name_of(place)
+        if self._place is not None and before is not None:
             self._left[self._place] = before.model.scene
-        restart = Restart(opened, lambda say: self._open_session(volume, say))
+        restart = Restart(opened, lambda say: self._open_session(volume, held_to, say))
         self._place = place
         self._note(place)
         self._shown.take(opened, restart)
 
-    def _opened(self, place: Place, before: Viewing, keep_tables: bool) -> Viewing:
+    def _opened(self, place: Place, before: Viewing | None, keep_tables: bool) -> Viewing:
         self._check(place)
         if self._alone:
-            before.session.close()
+            self._shown.leave()
         try:
             return self._made(place, before, keep_tables)
         except BaseException:
-            if self._alone and self._shown.restart is not None:
-                self._shown.restart.start()
+            if self._alone:
+                self._shown.come_back()
             raise
 
-    def _made(self, place: Place, before: Viewing, keep_tables: bool) -> Viewing:
-        session = self._open_session(self._name_of(place), self._say)
+    def _made(self, place: Place, before: Viewing | None, keep_tables: bool) -> Viewing:
+        session = self._open_session(*self._name_of(place), self._say)
         try:
             self._shown.expect(session)
             if self._cancelled:
                 raise BadInput(GIVEN_UP)
             session.volume.check_has_values()
             viewing = self._make_viewing(session, self._left.get(place))
-            if keep_tables:
-                viewing.model.change(
-                    lambda scene: with_tables_of(before.model.scene, scene, before.volume, session.volume)
-                )
-            size = before.model.scene.image
-            viewing.image_size.follows_window = before.image_size.follows_window
-            viewing.model.change(lambda scene: sized(scene, width=size.width, height=size.height))
-            viewing.model.forget()
+            if before is not None:
+                _look_as(viewing, before, keep_tables)
             return viewing
         except BaseException as error:
-            session.close()
+            session.close(another=self._alone)
             if self._cancelled and isinstance(error, PeerLost):
                 raise BadInput(GIVEN_UP) from error
             raise
 
     def _check(self, place: Place) -> None:
         """Raises BadInput where the servers see no such volume below the root."""
+        if place.is_phantom:
+            return
         there = self.listed(place.folder, place.name)
         if place.name and all(entry.name != place.name for entry in there.entries):
             raise BadInput(f"{place}: is not there, or not below {self.root_name}; choose another one")
 
-    def _name_of(self, place: Place) -> str:
-        return str(VolumeName("/".join(filter(None, (self._root, place.folder, place.name))), place.part))
+    def _name_of(self, place: Place) -> tuple[str, str | None]:
+        """The volume's name, and the folder that servers are held to.
+
+        A phantom is made for that. It lies elsewhere than what is listed next, and names no other file.
+        """
+        if place.is_phantom and self._phantoms is not None:
+            return self._phantoms.made(place.name, lambda: self._cancelled), None
+        return str(VolumeName("/".join(filter(None, (self._root, place.folder, place.name))), place.part)), self._root
 
     def _note(self, place: Place | None) -> None:
         if place is not None:
@@ -186,6 +230,18 @@ class Opening:
         with self._telling:
             self.now = news
             self.news.tell(news)
+
+
+def _look_as(viewing: Viewing, before: Viewing, keep_tables: bool) -> None:
+    """Show a volume in the size of the one before, and with its tables where those are kept. Nothing can be undone."""
+    if keep_tables:
+        viewing.model.change(
+            lambda scene: with_tables_of(before.model.scene, scene, before.volume, viewing.session.volume)
+        )
+    size = before.model.scene.image
+    viewing.image_size.follows_window = before.image_size.follows_window
+    viewing.model.change(lambda scene: sized(scene, width=size.width, height=size.height))
+    viewing.model.forget()
 
 
 def place_below(root: str, volume: str) -> Place | None:

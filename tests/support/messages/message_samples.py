@@ -444,7 +444,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.Refused: st.builds(
         messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none, st.booleans()
     ),
-    messages.EndSession: st.builds(messages.EndSession),
+    messages.EndSession: st.builds(messages.EndSession, st.booleans()),
 }
 
 

@@ -73,10 +73,11 @@ class Viewed:
 
 
 @contextmanager
-def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
-    """Start the command, wait for its address, and end it by Ctrl-C; nothing may be left then."""
+def viewed(folder: Path, volume: Path | None, *arguments: str) -> Iterator[Viewed]:
+    """Start the command in a folder, wait for its address, and end it by Ctrl-C; nothing may be left then."""
     person = Person(folder)
-    process = person.starts("view", str(volume), "--no-browser", *arguments)
+    named = () if volume is None else (str(volume),)
+    process = person.starts("view", *named, "--no-browser", *arguments)
     assert process.stderr is not None
     said: list[str] = []
     watchdog = threading.Timer(PATIENCE, process.kill)

@@ -9,9 +9,20 @@ from typing import Any
 import msgspec
 import pytest
 
-from support.messages.coordinated import FIRST, SECOND, SPLAT, drawing, said, sent, surveyed
+from support.messages.coordinated import (
+    FIRST,
+    JOINED,
+    SECOND,
+    SPLAT,
+    CheckedCoordinator,
+    drawing,
+    joins,
+    said,
+    sent,
+    surveyed,
+)
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import Answer, FolderAsked, ServerLost
+from volsplat.client.coordinator.coordinator_events import Answer, FolderAsked, ServerLost, ServerProcessEnded
 from volsplat.client.coordinator.folder_listings import MOST_WAITING
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -52,6 +63,19 @@ def test_a_refusal_ends_one_question_and_a_loss_all_that_this_server_was_to_tell
     assert sent(coordinator.handle(ASKED)) == [(SECOND, messages.ListFolder)]
 
 
+def test_while_servers_are_waited_for_questions_wait_for_the_first_that_can_answer() -> None:
+    coordinator = CheckedCoordinator()
+    assert coordinator.handle(ASKED) == []
+    told = [one for event in joins(*JOINED) for one in sent(coordinator.handle(event))]
+    assert told.count((FIRST, messages.ListFolder)) == 1 and (SECOND, messages.ListFolder) not in told
+    assert coordinator.handle(said(FIRST, LISTED)) == [Answer(3, LISTED)]
+    alone = CheckedCoordinator()
+    alone.handle(ASKED)
+    told_of = alone.handle(ServerProcessEnded("nothing starts here"))
+    (ended,) = (one for one in told_of if isinstance(one, Answer))
+    assert isinstance(ended.error, PeerLost)
+
+
 def test_a_failed_session_ends_all_questions() -> None:
     coordinator = drawing()
     coordinator.handle(ASKED)
@@ -84,7 +108,7 @@ class Opened:
         viewing = opened_viewing(session := self._session(first), session.default_scene())
         self.shown = ShownVolume(viewing, Restart(viewing, lambda say: self._session(first)))
         self.opening = Opening(
-            self.shown, str(folder), first, lambda name, say: self._session(name), self._viewing, alone
+            self.shown, str(folder), first, lambda name, held_to, say: self._session(name), self._viewing_of, alone
         )
 
     def _session(self, name: str) -> Session:
@@ -92,7 +116,7 @@ class Opened:
         return self.sessions[-1]
 
     @staticmethod
-    def _viewing(session: Session, scene: Scene | None) -> Viewing:
+    def _viewing_of(session: Session, scene: Scene | None) -> Viewing:
         return opened_viewing(session, scene or session.default_scene())
 
     def within(self, work: Callable[[], Any]) -> None:
@@ -105,8 +129,13 @@ class Opened:
         asyncio.run(all_of_it())
 
     @property
+    def viewing(self) -> Viewing:
+        assert self.shown.viewing is not None
+        return self.shown.viewing
+
+    @property
     def name(self) -> str:
-        return self.shown.viewing.volume.description.name
+        return self.viewing.volume.description.name
 
 
 @pytest.fixture
@@ -127,16 +156,16 @@ def with_edge(scene: Scene) -> Scene:
 
 def test_a_volume_that_is_opened_again_is_as_it_was_left_and_undo_begins_with_it(opened: Opened) -> None:
     async def work() -> None:
-        before = opened.shown.viewing
+        before = opened.viewing
         before.model.change(with_edge)
         left = before.model.scene
         await opened.opening.open(PROTEIN, keep_tables=False)
-        protein = opened.shown.viewing
+        protein = opened.viewing
         assert opened.name == "protein.nrrd" and protein.number == before.number + 1
         assert protein.model.scene.tables == protein.default_scene.tables != left.tables
         assert not protein.model.can_undo
         await opened.opening.open(HEAD, keep_tables=False)
-        assert opened.name == "head.nrrd" and opened.shown.viewing.model.scene == left
+        assert opened.name == "head.nrrd" and opened.viewing.model.scene == left
         assert opened.opening.recent == [HEAD, PROTEIN]
 
     opened.within(work)
@@ -144,14 +173,14 @@ def test_a_volume_that_is_opened_again_is_as_it_was_left_and_undo_begins_with_it
 
 def test_tables_are_kept_where_that_is_asked_and_so_is_the_size_of_the_picture(opened: Opened) -> None:
     async def work() -> None:
-        model = opened.shown.viewing.model
+        model = opened.viewing.model
         image = msgspec.structs.replace(model.scene.image, width=320, height=200)
         model.change(lambda scene: msgspec.structs.replace(with_edge(scene), image=image))
         await opened.opening.open(PROTEIN, keep_tables=True)
-        scene = opened.shown.viewing.model.scene
+        scene = opened.viewing.model.scene
         assert (scene.tables, scene.cross_bar) == (model.scene.tables, model.scene.cross_bar)
         assert (scene.image.width, scene.image.height) == (320, 200)
-        assert not opened.shown.viewing.model.can_undo
+        assert not opened.viewing.model.can_undo
 
     opened.within(work)
 
@@ -165,7 +194,7 @@ def test_what_cannot_be_opened_is_told_and_what_was_shown_stays(opened: Opened) 
         except OSError:
             pytest.skip("this file system has no such large files")
     (opened.folder / "outside").symlink_to("/")
-    before = opened.shown.viewing
+    before = opened.viewing
 
     async def work() -> None:
         for place, why in (
@@ -179,7 +208,7 @@ def test_what_cannot_be_opened_is_told_and_what_was_shown_stays(opened: Opened) 
         ):
             with pytest.raises((BadInput, PeerLost), match=why):
                 await opened.opening.open(place, keep_tables=False)
-            assert opened.shown.viewing is before and before.session.failure is None
+            assert opened.viewing is before and before.session.failure is None
             assert opened.opening.now.opening == "" and opened.opening.recent == [HEAD]
         assert before.session.probe(before.model.scene, 1, 1) is None, "it goes on"
 
@@ -188,10 +217,10 @@ def test_what_cannot_be_opened_is_told_and_what_was_shown_stays(opened: Opened) 
 
 def test_one_is_opened_at_a_time_and_none_while_a_movie_is_made(opened: Opened) -> None:
     async def work() -> None:
-        opened.shown.viewing.jobs += 1
+        opened.viewing.jobs += 1
         with pytest.raises(BadInput, match="a movie is being made"):
             await opened.opening.open(PROTEIN, keep_tables=False)
-        opened.shown.viewing.jobs -= 1
+        opened.viewing.jobs -= 1
         first = asyncio.create_task(opened.opening.open(PROTEIN, keep_tables=False))
         await asyncio.sleep(0)
         with pytest.raises(BadInput, match=r"protein\.nrrd is being opened; wait for it, or cancel that"):
@@ -213,7 +242,7 @@ def test_what_is_given_up_leaves_no_servers_and_what_was_shown_stays(opened: Ope
             with pytest.raises(BadInput, match="it was given up"):
                 await task
             assert opened.name == "head.nrrd" and opened.opening.now.opening == ""
-        assert opened.shown.viewing.session.failure is None
+        assert opened.viewing.session.failure is None
 
     opened.within(work)
     assert not any(session.server_processes for session in opened.sessions[1:])
@@ -224,11 +253,11 @@ def test_servers_of_one_session_come_back_to_what_was_shown_if_another_volume_ca
     (tmp_path / "damaged.nrrd").write_bytes((tmp_path / "head.nrrd").read_bytes()[:200])
 
     async def work() -> None:
-        scene = opened.shown.viewing.model.scene
+        scene = opened.viewing.model.scene
         with pytest.raises(BadInput, match=r"damaged\.nrrd"):
             await opened.opening.open(Place("", "damaged.nrrd"), keep_tables=False)
-        assert opened.name == "head.nrrd" and opened.shown.viewing.session.failure is None
-        assert opened.shown.viewing.model.scene == scene
+        assert opened.name == "head.nrrd" and opened.viewing.session.failure is None
+        assert opened.viewing.model.scene == scene
         await opened.opening.open(PROTEIN, keep_tables=False)
         assert opened.name == "protein.nrrd"
         assert [session.failure is None for session in opened.sessions] == [False, False, False, True]

@@ -1,0 +1,23 @@
+"""What every page of the program has: its styles, its title, and the button for light or dark."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+STYLES = ("theme.css", "page.css")
+
+
+def page_frame(title: str) -> None:
+    """Add the styles, and name the page."""
+    for style in STYLES:
+        ui.add_head_html(f'<link rel="stylesheet" href="volsplat/static/{style}">')
+    ui.page_title(f"{title} – volsplat")
+    ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
+
+
+def theme_button() -> None:
+    """Between light and dark."""
+    # NiceGUI's own element for this sets the theme at each rendering of the page, which styles all of it anew.
+    button = ui.button(icon="contrast").props("flat dense round aria-label='light or dark'")
+    button.tooltip("light or dark")
+    button.on("click", js_handler="() => Quasar.Dark.toggle()")
