@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -18,6 +20,7 @@ from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.coordinator import work_shares
 from volsplat.client.coordinator.server_states import ServerState
+from volsplat.client.coordinator.shares.moving_costs import MovingCosts
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.kept_packets import GivenUp
 from volsplat.mapshade_server.held_volume import HeldVolume
@@ -62,10 +65,14 @@ def scene(renderer: Session | SingleProcess) -> Scene:
     return Scene(tables=tables, image=Image(width=96, height=96), view=View(zoom=1.0))
 
 
-@pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However slow this machine is, what frames could save adds up."""
-    monkeypatch.setattr(work_shares, "HORIZON", 600.0)
+@contextmanager
+def eager() -> Iterator[None]:
+    """However slow this machine is, what frames could save adds up, and pays (test_work_shares has when it does)."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(work_shares, "HORIZON", 600.0)
+        patch.setattr(work_shares, "JUDGED_EVERY", 0.0)
+        patch.setattr(MovingCosts, "seconds", lambda *_: 0.0)
+        yield
 
 
 def holders(session: Session) -> list[ServerState]:
@@ -88,7 +95,8 @@ def test_the_picture_is_the_same_before_and_after(workers: int, prepared: bool, 
         )  # of a store another level is read for C, with all libraries there: so it is timed
         before, expected = boxes(session), single.render(shown, Step.C)
         assert torch.equal(session.render(shown, Step.C), expected)
-        wait_until(lambda: session.render(shown, Step.C) is not None and LINE in lines, "do sub-cubes change hands")
+        with eager():
+            wait_until(lambda: session.render(shown, Step.C) is not None and LINE in lines, "do sub-cubes change hands")
         after = session.finish(shown, Step.C)
         assert boxes(session) != before
         assert sum(box.voxels for box in boxes(session)) == SIDE**3
@@ -116,7 +124,8 @@ def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> N
             whole = torch.equal(session.render(shown, Step.C), expected)
             return whole and any(server.lost for server in session.servers)
 
-        wait_until(lost_and_whole, "is a server lost")
+        with eager():
+            wait_until(lost_and_whole, "is a server lost")
         assert torch.equal(session.render(shown, Step.C), expected)
         (lost,) = [server for server in session.servers if server.lost]
         assert lost.handed_over, "a whole frame was asked for after the loss"
