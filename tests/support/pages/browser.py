@@ -9,16 +9,17 @@ from __future__ import annotations
 import shutil
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import pytest
 
 from support.patience import PATIENCE
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, BrowserContext, Page, Request
     from starlette.types import ASGIApp
 
 _POLICY = "Content Security Policy"
@@ -26,7 +27,10 @@ _POLICY = "Content Security Policy"
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Headless Chromium, started once for a module of tests. Debian's shell of it does a page for half the work."""
+    """Headless Chromium, started once for a module of tests. Debian's shell of it does a page for half the work.
+
+    Its first context is that of `browser_page`, for all tests: what they all load is loaded and compiled once.
+    """
     playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright (extra dev)")
     executable = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     if executable is None:
@@ -34,20 +38,44 @@ def browser() -> Iterator[Browser]:
     playwright.expect.set_options(timeout=1000 * PATIENCE)
     with playwright.sync_playwright() as running:
         launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
-        yield launched
+        with patient_context(launched, viewport={"width": 1280, "height": 800}):
+            yield launched
         launched.close()
 
 
 @pytest.fixture
 def browser_page(browser: Browser) -> Iterator[Page]:
-    """An empty tab of 1280x800. The test fails if a script of the page fails, or breaks the page's own policy."""
+    """An empty tab of 1280x800, of a browser that remembers nothing of the tests before but files that may be kept.
+
+    The test fails if a script of the page fails, or breaks the page's own policy.
+    """
     failures: list[str] = []
-    with patient_context(browser, viewport={"width": 1280, "height": 800}) as context:
-        page = context.new_page()
-        page.on("pageerror", lambda error: failures.append(f"{error.message}\n{error.stack}"))
-        page.on("console", lambda told: failures.append(told.text) if _POLICY in told.text else None)
-        yield page
+    origins: set[str] = set()
+
+    def note_origin(request: Request) -> None:
+        if request.is_navigation_request():
+            origins.add("{0.scheme}://{0.netloc}".format(urlsplit(request.url)))
+
+    context = browser.contexts[0]
+    context.on("request", note_origin)
+    page = context.new_page()
+    page.on("pageerror", lambda error: failures.append(f"{error.message}\n{error.stack}"))
+    page.on("console", lambda told: failures.append(told.text) if _POLICY in told.text else None)
+    yield page
+    context.remove_listener("request", note_origin)
+    _forget(context, origins)
     assert not failures, "a script of the page failed:\n" + "\n".join(failures)
+
+
+def _forget(context: BrowserContext, origins: Iterable[str]) -> None:
+    """Close its tabs, and have it as it was when it began."""
+    storage = context.new_cdp_session(context.pages[0] if context.pages else context.new_page())
+    for origin in origins:
+        storage.send("Storage.clearDataForOrigin", {"origin": origin, "storageTypes": "local_storage"})
+    for page in context.pages:
+        page.close()
+    context.clear_cookies()
+    context.clear_permissions()
 
 
 @contextmanager
