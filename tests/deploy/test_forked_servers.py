@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from support.files.head_volume import head
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.deploy.forked_servers import FORK_SERVER, ForkedServers
@@ -23,14 +23,14 @@ def test_a_server_has_its_own_arguments_environment_and_end() -> None:
     forks = ForkedServers()
     try:
         refused = forks.start(Program.SPLAT_SERVER, ["--no-such-option"], {})
-        assert refused.wait(60) == 2 and refused.pid
+        assert refused.wait(PATIENCE) == 2 and refused.pid
         running = forks.start(Program.MAPSHADE_SERVER, ["--wait-at", "127.0.0.1:0"], {"VOLSPLAT_TOKEN": "a" * 64})
         process = psutil.Process(running.pid)
         wait_until(lambda: is_server(process, "mapshade_server"), "is it shown by its name")
         with pytest.raises(subprocess.TimeoutExpired):
             running.wait(0)
         running.kill()
-        assert running.wait(60) == -signal.SIGKILL
+        assert running.wait(PATIENCE) == -signal.SIGKILL
     finally:
         forks.end()
 
@@ -39,7 +39,7 @@ def test_what_is_asked_of_a_fork_server_that_is_ended_while_it_loads_ends() -> N
     forks = ForkedServers()
     server = forks.start(Program.SPLAT_SERVER, [], {})
     server.terminate()
-    assert server.wait(60) == -signal.SIGKILL and not server.pid
+    assert server.wait(PATIENCE) == -signal.SIGKILL and not server.pid
     wait_until(lambda: forks.gone, "is it noticed")
     with pytest.raises(OSError, match="gone"):
         forks.start(Program.SPLAT_SERVER, [], {})
@@ -63,7 +63,7 @@ def test_a_client_that_is_killed_leaves_no_fork_server() -> None:
         client.stdout.readline()
         (forks,) = psutil.Process(client.pid).children()
         os.kill(client.pid, signal.SIGKILL)
-        forks.wait(60)
+        forks.wait(PATIENCE)
 
 
 def fork_server() -> psutil.Process:

@@ -20,6 +20,7 @@ from faults.fault_runs import Head, drawn_head
 from faults.fault_table import put
 
 from support.files.small_disks import fill, mounted
+from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.image.image_file import write_image
 from volsplat.protocol.text.errors import BadInput
@@ -28,7 +29,6 @@ KINDS = (".exr", ".png", ".tif", ".jpg")
 SIZE = "4m"  # of the disk: an image, another one beside it while it is written, and little more
 LONGEST_MOMENT = 0.3  # seconds into a run of frames when it fills up
 FULL_SECONDS = 0.5
-LONGEST_WAIT = 60.0  # seconds, after which an image hangs
 TABLE_HEAD = (
     "| image | times the disk filled up | images written whole | refused, the one before kept | damaged | hangs "
     "| median until the next image |\n|---|---|---|---|---|---|---|\n"
@@ -68,7 +68,7 @@ class Disk:
         filling = threading.Timer(self._chance.uniform(0, LONGEST_MOMENT), self._fill_for_a_while)
         drawing.start()
         filling.start()
-        drawing.join(LONGEST_WAIT)
+        drawing.join(PATIENCE)
         after.hung = drawing.is_alive()
         filling.join()
         path.unlink()

@@ -30,6 +30,7 @@ from faults.servers_in_box import HOSTS, ServersInBox
 
 from support.files.head_volume import skin
 from support.lab.box import box
+from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -41,7 +42,6 @@ from volsplat.protocol.text.errors import VolsplatError
 
 SIZE = (48, 56, 50)  # voxels
 IMAGE = Image(width=320, height=280)
-LONGEST_WAIT = 60.0  # seconds, after which a frame hangs: who is silent while it reads is waited for for 30
 LONGEST_MOMENT = 0.3  # seconds into a run of frames when a fault comes: some frames long
 
 
@@ -133,7 +133,7 @@ class Bench:
         drawing = threading.Thread(target=self._draw, args=(after,), daemon=True)
         drawing.start()
         harm.start()
-        drawing.join(LONGEST_WAIT)
+        drawing.join(PATIENCE)
         harm.join()
         if drawing.is_alive():
             after.hung = True
@@ -151,7 +151,7 @@ class Bench:
         """Whether all servers are there again, as they must be for the next fault."""
         if self._healing is not None:
             self._healing.join()
-        until = time.monotonic() + LONGEST_WAIT
+        until = time.monotonic() + PATIENCE
         while not self._servers.joined() and time.monotonic() < until:
             time.sleep(0.02)
         return self._servers.joined() and self._losses < self._servers.most_losses

@@ -260,7 +260,7 @@ def draw_without_memory_for_lists() -> None:
 def test_without_memory_for_lists_a_frame_is_the_same() -> None:
     program = "from mapshade_server.test_classified_rows import draw_without_memory_for_lists as draw; draw()"
     done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT / "tests", capture_output=True, encoding="utf-8", timeout=300
+        [sys.executable, "-c", program], cwd=ROOT / "tests", capture_output=True, encoding="utf-8", timeout=PATIENCE
     )
     assert done.returncode == 0, done.stderr
 

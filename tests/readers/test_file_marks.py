@@ -15,6 +15,7 @@ import pytest
 import SimpleITK as sitk
 
 from support.files.volume_files import values_of, written
+from support.patience import PATIENCE
 from support.programs.programs import VOLSPLAT
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.text.errors import BadInput
@@ -98,7 +99,7 @@ def test_a_fifo_is_refused_at_once(command: str, tmp_path: Path) -> None:
     fifo = tmp_path / "volume.nrrd"
     os.mkfifo(fifo)
     words = [command, str(fifo), *([str(tmp_path / "store.zarr")] if command == "prepare" else [])]
-    ended = subprocess.run([VOLSPLAT, *words], capture_output=True, text=True, timeout=120)
+    ended = subprocess.run([VOLSPLAT, *words], capture_output=True, text=True, timeout=PATIENCE)
     assert ended.returncode == 2
     assert (
         ended.stderr

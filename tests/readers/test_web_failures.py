@@ -23,7 +23,7 @@ from volsplat.mapshade_server.readers.zarr_arrays import web_failures
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_place
 from volsplat.protocol.text.errors import BadInput
 
-zarr_place.ANSWER_SECONDS = 1
+zarr_place.ANSWER_SECONDS = 3
 for url in sys.argv[1:]:
     try:
         reader = open_volume(url)

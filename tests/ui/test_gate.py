@@ -22,6 +22,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from support.pages import patient_http
+from support.patience import PATIENCE
 from volsplat.client.ui.doors.admission import Admission, Asked, Refused
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.page_policy import StrictHeaders
@@ -264,7 +265,7 @@ def test_another_user_with_the_token_sees_nothing() -> None:
     )
     with socket.create_server(("127.0.0.1", 0)) as listening:
         here = listening.getsockname()
-        listening.settimeout(60)
+        listening.settimeout(PATIENCE)
         with subprocess.Popen([sys.executable, "-I", "-S", "-c", asks.format(nobody, here[1])]):
             connection, peer = listening.accept()
             with connection:

@@ -540,7 +540,7 @@ import os, socket, sys
 os.setuid(65534)
 with socket.socket(socket.AF_UNIX) as caller:
     caller.connect("\\0" + sys.argv[1])
-    caller.settimeout(20)
+    caller.settimeout(float(sys.argv[2]))
     print(caller.recv(1) == b"", flush=True)
 """
 
@@ -549,7 +549,8 @@ with socket.socket(socket.AF_UNIX) as caller:
 def test_a_caller_of_another_user_is_turned_away_at_the_door(lines: Lines) -> None:
     with Listener(Role.CLIENT, TOKEN, handshake_seconds=PATIENCE) as listener:
         name = f"volsplat {os.geteuid()} {listener.address}"
-        told = subprocess.run([sys.executable, "-c", CALLER, name], capture_output=True, timeout=PATIENCE)
+        command = [sys.executable, "-c", CALLER, name, str(PATIENCE)]
+        told = subprocess.run(command, capture_output=True, timeout=PATIENCE)
         assert told.stdout == b"True\n", told.stderr
         assert "is another user of this machine" in lines.next()
         for end in joined(listener):

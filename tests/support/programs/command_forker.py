@@ -19,6 +19,7 @@ from importlib import import_module
 from selectors import EVENT_READ, DefaultSelector
 from typing import Any, NoReturn
 
+from support.patience import PATIENCE
 from volsplat.client.command.cli import main as volsplat
 
 CLIENT = [f"command.{name}_command" for name in ("info", "movie", "phantom", "render", "scene")]
@@ -31,8 +32,6 @@ SERVERS = [
 ]
 LIBRARIES = ["torch", "SimpleITK", "OpenImageIO", "zarr", "encodings.idna"]
 MODULES = [*(f"volsplat.client.{name}" for name in CLIENT), *(f"volsplat.{name}" for name in SERVERS), *LIBRARIES]
-
-ASKING_SECONDS = 10.0  # that an asker may take, which has it all at hand
 
 
 @dataclass(eq=False)
@@ -104,7 +103,7 @@ class _Forker:
 
 def _request(asker: socket.socket) -> tuple[dict[str, Any], list[int]]:
     """What is asked for, and the three streams of who asks."""
-    asker.settimeout(ASKING_SECONDS)
+    asker.settimeout(PATIENCE)  # an asker has it all at hand
     length, streams, _, _ = socket.recv_fds(asker, 8, 3)
     with asker.makefile("rb") as rest:
         return json.loads(rest.read(int.from_bytes(length, "big"))), streams

@@ -12,9 +12,9 @@ from types import TracebackType
 from typing import Self
 
 from support.checkout import ROOT
+from support.patience import PATIENCE
 
 STAND_IN = Path(__file__).with_name("stand_in.py")
-STOP_SECONDS = 30  # for commands that are called off to end their servers
 
 
 class QuickShell:
@@ -50,7 +50,7 @@ class QuickShell:
         assert self._forker.stdin is not None
         self._forker.stdin.close()
         try:
-            self._forker.wait(STOP_SECONDS)
+            self._forker.wait(PATIENCE)  # commands that are called off end their servers
         finally:
             self._forker.kill()
             self._forker.wait()
