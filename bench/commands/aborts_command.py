@@ -20,7 +20,7 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.timing import wall_seconds
-from volsplat.client.session.asked_frames import FrameAborted
+from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.session import Session
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Image, Scene, View
@@ -98,7 +98,7 @@ def abort_seconds(session: Session, scene: Scene, delay: float) -> float | None:
     def draw() -> None:
         try:
             session.render(scene)
-        except FrameAborted:
+        except FrameGivenUp:
             aborted.set()
 
     drawing = threading.Thread(target=draw)

@@ -20,6 +20,7 @@ from volsplat.bench.views import around, seen
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import StepReport, report_of
 from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.scene import LARGEST_EXTENT
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,9 @@ class Taken:
 @click.option("--workers", type=click.IntRange(1, 64), default=4, help="Hosts with a map/shade server (4).")
 @click.option("--splat-servers", default="1,2,4", help="Numbers of hosts with a splat server (1,2,4).")
 @click.option("--link", type=click.FloatRange(1), default=100.0, help="Of every host, Mbit/s in each direction (100).")
-@click.option("--image", type=click.IntRange(16, 16384), default=512, help="Side of the square image, pixels (512).")
+@click.option(
+    "--image", type=click.IntRange(16, LARGEST_EXTENT), default=512, help="Side of the square image, pixels (512)."
+)
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views (7).")
 @output_options(plot=False)
 def hosts(

@@ -9,7 +9,7 @@ from volsplat.protocol.text.errors import VolsplatError
 Answers = queue.SimpleQueue[PublishImage | EndFrame]  # to one frame's request
 
 
-class FrameAborted(Exception):
+class FrameGivenUp(Exception):
     """The frame was aborted, by `abort` or because a newer one was asked for."""
 
 
@@ -29,14 +29,14 @@ class AskedFrames:
     def ask(self, after: int | None = None) -> tuple[int, Answers]:
         """A new frame's number, and where its answers will be.
 
-        Raises FrameAborted if something else was asked for since frame `after`, and what ended the session.
+        Raises FrameGivenUp if something else was asked for since frame `after`, and what ended the session.
         """
         answers: Answers = queue.SimpleQueue()
         with self._lock:
             if self._failure is not None:
                 raise self._failure
             if after is not None and after != self._newest:
-                raise FrameAborted(f"what followed frame {after} was superseded")
+                raise FrameGivenUp(f"what followed frame {after} was superseded")
             self._newest += 1
             self._answers[self._newest] = answers
             return self._newest, answers
@@ -75,4 +75,4 @@ def next_image(answers: Answers, patience: float | None) -> PublishImage | None:
         return None
     if isinstance(answer, PublishImage):
         return answer
-    raise answer.error or FrameAborted(f"frame {answer.frame} was aborted")
+    raise answer.error or FrameGivenUp(f"frame {answer.frame} was aborted")

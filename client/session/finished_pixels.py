@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.session.asked_frames import FrameAborted
+from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
 
@@ -19,6 +19,6 @@ def finished_pixels(
     while not cancelled():
         try:
             return renderer.finish(scene, step).published.pixels
-        except FrameAborted:
+        except FrameGivenUp:
             continue
     return None

@@ -66,7 +66,7 @@ from volsplat.client.coordinator.coordinator_events import (
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
-from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
+from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameGivenUp, next_image
 from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.frame_counts import count_outcome
 from volsplat.client.session.late_answers import LateAnswers
@@ -255,7 +255,7 @@ class Session:
         """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
 
         Raises BadInput if the scene does not fit the volume or torch is not installed, PeerLost if a server is gone
-        and with it a part of the volume, and FrameAborted if a newer frame took its place.
+        and with it a part of the volume, and FrameGivenUp if a newer frame took its place.
         """
         return self.finish(scene, step).image
 
@@ -318,7 +318,7 @@ class Session:
 
         try:
             yield from refined(drawn, scene, first, last)
-        except FrameAborted:
+        except FrameGivenUp:
             return
 
     def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
@@ -448,7 +448,7 @@ class Session:
         return VolumeWidget(self, scene)
 
     def abort(self) -> None:
-        """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
+        """Abort what runs; whoever waits for it gets FrameGivenUp once every server has acknowledged."""
         self._events.put(AbortAsked(self._frames.supersede()))
 
     def close(self, another: bool = False) -> None:
@@ -499,7 +499,7 @@ class Session:
     def _ask(
         self, scene: Scene, step: Step, require_complete: bool, after: int | None = None, exact: bool = True
     ) -> tuple[int, Answers]:
-        """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`, and BadInput."""
+        """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
         self._check_has_volume()
         check_room_for_image(scene.image.width, scene.image.height)
         frame, answers = self._frames.ask(after)

@@ -16,7 +16,7 @@ from support.messages.message_samples import SAMPLES
 from support.patience import wait_until
 from support.programs.server_processes import is_server
 from volsplat.client import Session
-from volsplat.client.session.asked_frames import FrameAborted
+from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Step
 from volsplat.protocol.messages import messages
@@ -157,7 +157,7 @@ def test_a_volume_that_cannot_be_read_is_bad_input(tmp_path: Path) -> None:
 
 
 def test_frame_aborted_is_no_error_of_a_person() -> None:
-    assert not issubclass(FrameAborted, VolsplatError)
+    assert not issubclass(FrameGivenUp, VolsplatError)
 
 
 @pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])

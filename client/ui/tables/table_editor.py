@@ -16,8 +16,8 @@ from volsplat.protocol.description.scene import ColourTable
 from volsplat.protocol.text.errors import BadInput
 
 
-class Field(NamedTuple):
-    """What indexes the table."""
+class IndexedBy(NamedTuple):
+    """The field whose values index a table, as its plot shows it."""
 
     axis: FieldAxis
     histogram: tuple[int, ...] | None
@@ -35,7 +35,7 @@ class TableEditor(Element, component="table_editor_component.js", esm=MODULES):
         self,
         name: str,
         table: Table,
-        field: Field,
+        field: IndexedBy,
         on_change: Callable[[Table, bool], None],
         on_file: Callable[[str, str], None],
     ) -> None:
@@ -43,7 +43,7 @@ class TableEditor(Element, component="table_editor_component.js", esm=MODULES):
         self.selected = -1  # the point that the person has picked
         self._on_change = on_change
         self._on_file = on_file
-        self._field: Field | None = None
+        self._field: IndexedBy | None = None
         self._answers = 0  # the number of the last change that came from this editor
         self._props.update(name=name, colour=isinstance(table, ColourTable))
         self._table = table
@@ -73,7 +73,7 @@ class TableEditor(Element, component="table_editor_component.js", esm=MODULES):
     def _shown(self) -> dict[str, object]:
         return {"points": self._table.points, "answers": self._answers}
 
-    def show_field(self, field: Field) -> None:
+    def show_field(self, field: IndexedBy) -> None:
         if field != self._field:
             self._field = field
             self._props.update(axis=asdict(field.axis), histogram=field.histogram, unused=field.unused, tint=field.tint)

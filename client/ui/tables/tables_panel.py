@@ -15,7 +15,7 @@ from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.tables.field_histograms import field_histogram
 from volsplat.client.ui.tables.preset_menu import OfferedPresets, PresetMenu
-from volsplat.client.ui.tables.table_editor import Field, TableEditor
+from volsplat.client.ui.tables.table_editor import IndexedBy, TableEditor
 from volsplat.client.ui.tables.table_edits import (
     Table,
     constant,
@@ -218,10 +218,10 @@ class TablesPanel:
         if state.settled and self._preset_place.value:
             self._preset_menu.show(state.scene)
 
-    def _field(self, scene: Scene, which: str) -> Field:
+    def _field(self, scene: Scene, which: str) -> IndexedBy:
         field = getattr(scene.cross_bar, which)
         axis = field_axis(self._volume, field, scene.quantise)
-        return Field(axis, self._histogram(field, scene.quantise), why_unused(which, scene), _tint(scene, which))
+        return IndexedBy(axis, self._histogram(field, scene.quantise), why_unused(which, scene), _tint(scene, which))
 
     def _show_head(self) -> None:
         self._undo.set_enabled(self._model.can_undo)

@@ -22,6 +22,6 @@ class IdleDrawing:
         return self._session.volume
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
-        """The finished image of one step. Raises FrameAborted if it made way, else as `Session.finish` does."""
+        """The finished image of one step. Raises FrameGivenUp if it made way, else as `Session.finish` does."""
         with self._loop.between_pictures():
             return self._session.finish(scene, step)
