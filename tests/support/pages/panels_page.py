@@ -30,7 +30,9 @@ from volsplat.client.ui.panels.steps_bar import steps_bar
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import Image, Scene
+
+UNSEEN = Image(width=64, height=48)  # small, so that servers are soon done with what no panel shows
 
 
 class State(msgspec.Struct):
@@ -73,10 +75,11 @@ def application(viewing: Viewing) -> FastAPI:
 
     async def again() -> int:
         viewing.image_size.follows_window = True
-        viewing.model.change(lambda _: viewing.default_scene)
+        viewing.model.change(lambda _: at_first)
         unsettled.clear()
         return viewing.model.now.revision
 
+    at_first = viewing.model.now.scene
     unsettled: set[str] = set()  # who changed the scene without settling it, since the beginning
     viewing.model.subscribe(lambda now: None if now.settled else unsettled.add(now.by.split()[0]))
     served = FastAPI(lifespan=lifespan)
@@ -91,7 +94,8 @@ def application(viewing: Viewing) -> FastAPI:
 def main(volume: str) -> None:
     with Session(volume, workers=2) as session, socket.create_server(("127.0.0.1", 0)) as listener:
         url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-        viewing = opened_viewing(session, session.default_scene())
+        scene = msgspec.structs.replace(session.default_scene(), image=UNSEEN)
+        viewing = opened_viewing(session, scene)
         server = uvicorn.Server(uvicorn.Config(application(viewing), log_level="warning"))
         print(url, flush=True)
         server.run(sockets=[listener])
