@@ -106,6 +106,7 @@ void splat_row(std::uint64_t& sum, const std::vector<std::uint64_t>& packets, bo
     }
     std::vector<RowSpan> spans(kSide, RowSpan{0, kSide});
     std::vector<std::uint64_t> tiles(tile_rows(kHeight) * tile_words(kWidth) + 1);
+    std::vector<std::uint64_t> work(tile_rows(kHeight));
     const RowRun run{0, 0, 0, static_cast<std::uint32_t>(packets.size()), 3 << kSubpixelBits, 5 << kSubpixelBits};
     const SpanView span{reinterpret_cast<const unsigned char*>(&run),
                         reinterpret_cast<const unsigned char*>(packets.data()), 1};
@@ -124,8 +125,10 @@ void splat_row(std::uint64_t& sum, const std::vector<std::uint64_t>& packets, bo
     job.footprint.step_x = job.footprint.step_y = 1 << kBits;
     job.footprint.offset_bits = kBits;
     job.footprint.width = job.footprint.height = job.footprint.pitch = kSide;
+    job.work = work.data();
     baseline::kSplatKernels.splat(job);
     add(sum, pixels, pixels.size());
+    add(sum, work, work.size());
 }
 
 }  // namespace
