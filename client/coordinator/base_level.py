@@ -1,4 +1,7 @@
-"""Which level of a prepared volume the finest step draws: fine enough for the zoom, and within the servers' memory."""
+"""Which level of a prepared volume the finest step draws: fine enough for the zoom, and within the servers' memory.
+
+A precise scene wants the volume itself, however small its voxels are: levels are not quite as bright.
+"""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,17 +39,22 @@ class LevelChoice:
 
     def base_level(self, scene: Scene, current: int | None = None) -> BaseLevel:
         """The level for a scene; `current` is kept where it is only just finer than needed."""
-        zoom = resolved_zoom(scene, self.grids[0])
-        needed = levels.finest_needed(self.grids, zoom)
-        if current is not None and current < needed:
-            needed = max(current, levels.finest_needed(self.grids, zoom / STEADY))
+        needed, reason = 0, "the scene is precise"
+        if not scene.reconstruction.precise:
+            needed, reason = self._for_zoom(scene, current), "the finest that the zoom needs"
         fits = next((n for n in range(needed, len(self.grids)) if self._fits(n)), len(self.grids) - 1)
-        reason = "the finest that the zoom needs"
         if fits > needed:
             reason = f"the finest that fits into {bytes_text(min(self.memory.values()))} of each server"
         i, j, k = levels.factors_of(self.grids[0], self.grids[fits])
         what = "the volume itself" if fits == 0 else f"every voxel is the mean of {i} x {j} x {k}"
         return BaseLevel(fits, f"level {fits} of {len(self.grids) - 1}: {what}; {reason}")
+
+    def _for_zoom(self, scene: Scene, current: int | None) -> int:
+        zoom = resolved_zoom(scene, self.grids[0])
+        needed = levels.finest_needed(self.grids, zoom)
+        if current is not None and current < needed:
+            needed = max(current, levels.finest_needed(self.grids, zoom / STEADY))
+        return needed
 
     def holdings(self, server: int, held_levels: Iterable[int]) -> list[LevelBoxes]:
         """A server's part of each of these levels."""

@@ -26,7 +26,7 @@ from volsplat.mapshade_server.held.volume_identity import identified_store
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
-from volsplat.protocol.description.scene import Image, Quantise, Refine, Scene, Step, View
+from volsplat.protocol.description.scene import Image, Quantise, Reconstruction, Refine, Scene, Step, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.messages import CountHistograms, LevelBoxes, OpenPackets, VoxelsPacked
 from volsplat.protocol.text.errors import BadInput
@@ -119,6 +119,23 @@ def test_a_level_is_as_bright_as_the_volume(preset: str, single: SingleProcess, 
     bright, expected = (float(image[..., :3].mean()) for image in (drawn.image, unprepared.render(scene, Step.F)))
     assert level_of(drawn) == 1
     assert abs(bright - expected) <= LEVEL_BRIGHTNESS * expected
+
+
+@pytest.mark.parametrize("zoom", [0.5, 0.2])
+def test_a_precise_scene_is_drawn_as_the_volume_itself_at_any_zoom(
+    single: SingleProcess, unprepared: SingleProcess, zoom: float
+) -> None:
+    scene = msgspec.structs.replace(at_zoom(single, zoom), reconstruction=Reconstruction(precise=True))
+    drawn = single.finish(scene, Step.F)
+    assert why(drawn) == "level 0 of 3: the volume itself; the scene is precise"
+    assert torch.equal(drawn.image, unprepared.render(scene, Step.F)) and drawn.image[..., 3].max() > 0
+
+
+def test_a_precise_scene_that_does_not_fit_takes_the_finest_level_that_does(store: Path) -> None:
+    with SingleProcess(store, memory=600_000) as single:
+        scene = msgspec.structs.replace(at_zoom(single, 0.2), reconstruction=Reconstruction(precise=True))
+        drawn = single.finish(scene, Step.F)
+        assert level_of(drawn) == 1 and "the finest that fits into 0.6 MiB" in why(drawn)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])

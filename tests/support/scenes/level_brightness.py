@@ -1,6 +1,7 @@
 """How bright the levels of a prepared volume are, and how far pictures jump where zooming out takes the next one.
 
-Prints a table of docs/how_it_works/properties.md. Run it in tests/: `python -m support.scenes.level_brightness VOLUME`.
+Prints a table of docs/how_it_works/properties.md. Run it in tests/:
+`python -m support.scenes.level_brightness VOLUME...`.
 """
 
 import math
@@ -15,12 +16,14 @@ from support.files.silent_progress import Silent
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 
 LEVELS = (1, 2)
 SIDES = ((0.0, 0.0), (35.0, 25.0))  # azimuth and elevation
 JUST_ABOVE = 1.0001  # of the zoom at which a level takes over: there the finer one is drawn
+LARGEST_BRICK = 64
 AROUND = 1.6  # of the longest side, so that nothing is cut
 
 
@@ -58,17 +61,27 @@ def row(preset: str, plain: SingleProcess, levels: SingleProcess) -> str:
     return " | ".join(cells)
 
 
-def main(volume: str) -> None:
-    with tempfile.TemporaryDirectory() as folder:
+def layout_of(longest: int) -> Layout:
+    """Small volumes need bricks of less than 64 voxels a side to have as many levels."""
+    return Layout(brick=min(LARGEST_BRICK, max(2, 1 << (longest - 1).bit_length() - LEVELS[-1])))
+
+
+def print_rows(volume: str) -> None:
+    with tempfile.TemporaryDirectory() as folder, SingleProcess(volume) as plain:
         store = Path(folder) / "levels.zarr"
-        prepare(volume, store, Options(), Silent())
-        with SingleProcess(volume) as plain, SingleProcess(store) as levels:
-            print("| preset | level 1 | jump from 0 | level 2 | jump from 1 |")
-            print("|---|---|---|---|---|")
+        prepare(volume, store, Options(layout=layout_of(max(plain.volume.description.geometry.dims))), Silent())
+        with SingleProcess(store) as levels:
             for preset in PRESETS:
                 if fits(preset, plain.volume.subject()):
-                    print(f"| `{preset}` | {row(preset, plain, levels)} |", flush=True)
+                    print(f"| {Path(volume).name} | `{preset}` | {row(preset, plain, levels)} |", flush=True)
+
+
+def main(volumes: list[str]) -> None:
+    print("| volume | preset | level 1 | jump from 0 | level 2 | jump from 1 |")
+    print("|---|---|---|---|---|---|")
+    for volume in volumes:
+        print_rows(volume)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1:])
