@@ -20,8 +20,8 @@ def colormap(name: str, low: float = 0.0, high: float = 1.0) -> ColourTable:
     import matplotlib
 
     for start, library in COLLECTIONS.items():
-        if name.startswith(start) and find_spec(library) is not None:
-            import_module(library)
+        if name.startswith(start):
+            _add_maps_of(library, name)
     if name not in matplotlib.colormaps:
         near = difflib.get_close_matches(name, list(matplotlib.colormaps), 1)
         hint = f"; did you mean {near[0]}?" if near else "; matplotlib.colormaps lists them"
@@ -33,3 +33,15 @@ def colormap(name: str, low: float = 0.0, high: float = 1.0) -> ColourTable:
     colours = [tuple(float(channel) for channel in of(place)[:3]) for place in places]
     points = [(low + (high - low) * place, colour) for place, colour in zip(places, colours, strict=True)]
     return ColourTable(points=tuple(points))  # type: ignore[arg-type]
+
+
+def _add_maps_of(library: str, name: str) -> None:
+    """Have matplotlib know them. Raises BadInput where they are not to be had."""
+    if find_spec(library) is None:
+        raise BadInput(f"the colour map {name} is one of {library}, which is not installed; run pip install {library}")
+    try:
+        import_module(library)
+    except ImportError as error:
+        raise BadInput(
+            f"the colour map {name} needs {library}, which does not load ({error}); install it anew"
+        ) from None

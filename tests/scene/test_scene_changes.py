@@ -1,11 +1,12 @@
 """Scenes changed from Python in as few words as in TOML, colours and colour maps by their names."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from volsplat.client.scene.colour_maps import colormap
+from volsplat.client.scene.colour_maps import COLLECTIONS, colormap
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Shading
@@ -85,3 +86,16 @@ def test_a_colour_map_that_is_not_there_is_refused(name: str, places: tuple[floa
     with pytest.raises(BadInput) as raised:
         colormap(name, *places)
     assert message in str(raised.value)
+
+
+def test_a_colour_map_whose_library_is_missing_or_broken_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(COLLECTIONS, "none_", "volsplat_has_no_such_library")
+    with pytest.raises(BadInput, match="run pip install volsplat_has_no_such_library"):
+        colormap("none_fire")
+    (tmp_path / "volsplat_broken_library.py").write_text("import volsplat_has_no_such_library", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(COLLECTIONS, "broken_", "volsplat_broken_library")
+    with pytest.raises(BadInput, match="does not load .*no_such_library.*; install it anew"):
+        colormap("broken_fire")
