@@ -7,7 +7,9 @@ from pathlib import Path
 from volsplat.mapshade_server.readers.arrays import raw_voxels
 from volsplat.mapshade_server.readers.medicine import dicom_series, picture_folder, tiff_folder
 from volsplat.mapshade_server.readers.open_volume import DICOM, RAW, VolumeFormat, format_of, head_of
+from volsplat.mapshade_server.readers.part_listing import parts_of
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
+from volsplat.protocol.description.volume_name import VolumeName, volume_name
 from volsplat.protocol.messages.folder_messages import (
     LONGEST_KIND,
     LONGEST_NAME,
@@ -22,7 +24,9 @@ SLICES = (("TIFF slices", tiff_folder.recognises_folder), ("pictures", picture_f
 
 
 def listed(request: ListFolder) -> FolderListed:
-    """The answer. Raises BadInput for what is no folder, or does not lie below the root."""
+    """The answer. Raises BadInput for what is no folder and has no parts, or does not lie below the root."""
+    if (whole := _with_parts(request)) is not None:
+        return _parts(request, whole)
     folder = _below(request.path, request.folder)
     try:
         entries, left_out = _entries(Path(request.path).resolve(), folder, request.words)
@@ -30,6 +34,28 @@ def listed(request: ListFolder) -> FolderListed:
         reason = os.strerror(error.errno or 0)
         raise BadInput(f"{request.folder or folder.name}: cannot be listed ({reason}); check its permissions") from None
     return FolderListed(request.probe, entries, left_out)
+
+
+def _with_parts(request: ListFolder) -> VolumeName | None:
+    """The file, or the folder that is one volume, of which parts are asked for. None for any other folder."""
+    name = volume_name(str(Path(request.path, request.folder)))
+    try:
+        top, found = Path(request.path).resolve(), Path(name.place).resolve(strict=True)
+    except (OSError, RuntimeError, ValueError):
+        return None
+    one = found.is_relative_to(top) and (found.is_file() or zarr_store.recognises_folder(found))
+    return name._replace(place=str(found)) if one else None
+
+
+def _parts(request: ListFolder, whole: VolumeName) -> FolderListed:
+    words = request.words.casefold()
+    told = [one for one in parts_of(str(whole)) if words in f"{one.part} {one.told}".casefold()]
+    entries = [
+        FolderEntry("", one.part, one.told[:LONGEST_KIND], 0, is_folder=False, is_volume=True)
+        for one in told
+        if _can_be_told(one.part)
+    ]
+    return FolderListed(request.probe, entries[:MOST_ENTRIES], len(told) - len(entries[:MOST_ENTRIES]))
 
 
 def _below(root: str, folder: str) -> Path:
@@ -112,13 +138,13 @@ def _format(path: Path) -> VolumeFormat | None:
 
 def _folder(path: Path) -> FolderEntry:
     if zarr_store.recognises_folder(path):
-        return FolderEntry(path.name, "", "Zarr", 0, is_folder=False, is_volume=True)
+        return FolderEntry(path.name, "", "Zarr", 0, is_folder=True, is_volume=True)
     return FolderEntry(path.name, "", "folder", 0, is_folder=True, is_volume=False)
 
 
 def _file(path: Path, found: VolumeFormat) -> FolderEntry:
     kind = found.name.partition(" (")[0]
-    return FolderEntry(path.name, "", kind, path.stat().st_size, is_folder=False, is_volume=True)
+    return FolderEntry(path.name, "", kind, path.stat().st_size, is_folder=found.parts, is_volume=True)
 
 
 def _slices(folder: Path) -> Iterator[FolderEntry]:

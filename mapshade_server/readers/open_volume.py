@@ -99,6 +99,7 @@ class VolumeFormat:
     recognises: Callable[[bytes], bool] = lambda head: False
     extensions: tuple[str, ...] = ()
     gzip: bool = False  # read also if gzip has packed the file as a whole
+    parts: bool = False  # a file may hold several volumes, which its header tells
 
 
 @dataclass(frozen=True)
@@ -117,15 +118,17 @@ def _packed_or_not(*extensions: str) -> tuple[str, ...]:
 DICOM = VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises)
 RAW = VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=_packed_or_not(".raw"), gzip=True)
 FORMATS = (
-    VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises),
-    VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises),
-    VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises, gzip=True),
+    VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises, parts=True),
+    VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises, parts=True),
+    VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises, gzip=True, parts=True),
     VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises, gzip=True),
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",), gzip=True),
-    VolumeFormat("FreeSurfer (.mgh, .mgz)", mgh.open_mgh, extensions=(".mgh", ".mgz", ".mgh.gz"), gzip=True),
+    VolumeFormat(
+        "FreeSurfer (.mgh, .mgz)", mgh.open_mgh, extensions=(".mgh", ".mgz", ".mgh.gz"), gzip=True, parts=True
+    ),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     DICOM,
-    VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
+    VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises, parts=True),
     VolumeFormat(
         "PDB or PQR coordinates (.pdb, .pqr)",
         atoms.open_pdb,
@@ -141,22 +144,26 @@ FORMATS = (
         density_map.recognises,
         _packed_or_not(".mrc", ".mrcs", ".map", ".ccp4"),  # files from before 2000 have no mark
         gzip=True,
+        parts=True,
     ),
-    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises, gzip=True),
+    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises, gzip=True, parts=True),
     VolumeFormat("SEG-Y survey (.sgy, .segy)", segy.open_segy, extensions=(".sgy", ".segy")),
     VolumeFormat(
         "Gaussian cube (.cube)",
         gaussian_cube.open_gaussian_cube,
         extensions=_packed_or_not(".cube", ".cub"),
         gzip=True,
+        parts=True,
     ),
-    VolumeFormat("HDF5 dataset (.h5, .nxs)", hdf5_dataset.open_hdf5, hdf5_dataset.recognises),
-    VolumeFormat("NetCDF-3 (.nc)", netcdf_classic.open_netcdf_classic, netcdf_classic.recognises),
-    VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
-    VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
-    VolumeFormat("VTK image or grid (.vti, .vtr)", vtk_image.open_vtk_image, vtk_image.recognises),
-    VolumeFormat("VTK image or grid (.vtk)", legacy_vtk.open_legacy_vtk, legacy_vtk.recognises),
-    VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, (".zip", ".ozx")),
+    VolumeFormat("HDF5 dataset (.h5, .nxs)", hdf5_dataset.open_hdf5, hdf5_dataset.recognises, parts=True),
+    VolumeFormat("NetCDF-3 (.nc)", netcdf_classic.open_netcdf_classic, netcdf_classic.recognises, parts=True),
+    VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises, parts=True),
+    VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz, parts=True),
+    VolumeFormat("VTK image or grid (.vti, .vtr)", vtk_image.open_vtk_image, vtk_image.recognises, parts=True),
+    VolumeFormat("VTK image or grid (.vtk)", legacy_vtk.open_legacy_vtk, legacy_vtk.recognises, parts=True),
+    VolumeFormat(
+        "Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, (".zip", ".ozx"), parts=True
+    ),
     VolumeFormat("array in memory", shared_array.open_shared_array, shared_array.recognises),
     RAW,
 )

@@ -19,7 +19,7 @@ KindTold = Annotated[str, Meta(max_length=LONGEST_KIND)]
 
 
 class FolderEntry(Detail, frozen=True):
-    """A folder that can be listed, or a volume that can be opened, or both: a folder of slices.
+    """A folder that can be listed, or a volume that can be opened, or both: one that may have parts, which are listed.
 
     `part` is the part of a volume that this entry stands for, as of a DICOM folder one series; the name is the folder's
     own then, "". `bytes` is the file's size, 0 for what is no single file.
@@ -47,6 +47,8 @@ class FolderListed(Message, frozen=True):
 @asks(CLIENT_TO_MAPSHADE, FolderListed)
 class ListFolder(Message, frozen=True):
     """Client to map/shade server: which volumes and folders lie in `folder`, by its way from the root at `path`?
+
+    Or, where that names a file or a folder that is one volume, with or without a part: which (more) parts has it?
 
     Nothing is told of what does not lie below that root, links followed. Of names, those that contain `words`.
     Answered beside frames and all else.

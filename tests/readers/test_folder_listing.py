@@ -5,8 +5,12 @@ import os
 from pathlib import Path
 from typing import Any
 
+import h5py
+import nibabel
 import numpy as np
 import pytest
+import zarr
+from astropy.io import fits
 
 from support.files.dicom_files import numbered, series
 from volsplat.client.phantoms import make_phantom
@@ -32,7 +36,7 @@ def look(root: Path, folder: str = "", words: str = "") -> FolderListed:
 
 
 def volume(name: str, kind: str, size: int) -> FolderEntry:
-    return FolderEntry(name, "", kind, size, is_folder=False, is_volume=True)
+    return FolderEntry(name, "", kind, size, is_folder=kind != "raw voxels", is_volume=True)
 
 
 def test_volumes_are_told_by_their_content_with_kind_and_size_and_nothing_else_is(root: Path) -> None:
@@ -49,7 +53,7 @@ def test_volumes_are_told_by_their_content_with_kind_and_size_and_nothing_else_i
     os.mkfifo(root / "waits for ever.npy")
     told = look(root)
     assert told.left_out == 0 and told.entries == [
-        FolderEntry("brain.zarr", "", "Zarr", 0, is_folder=False, is_volume=True),
+        FolderEntry("brain.zarr", "", "Zarr", 0, is_folder=True, is_volume=True),
         FolderEntry("zebra", "", "folder", 0, is_folder=True, is_volume=False),
         volume("an array", "NumPy array", (root / "an array").stat().st_size),
         volume("Head.nrrd", "NRRD", (root / "Head.nrrd").stat().st_size),
@@ -140,3 +144,61 @@ def test_a_folder_that_may_not_be_read_is_refused_in_one_line(root: Path) -> Non
         pytest.skip("this user may read everything")
     with pytest.raises(BadInput, match=r"shut: cannot be listed \(Permission denied\); check its permissions"):
         look(root, "shut")
+
+
+# -- parts
+
+
+def parts(root: Path, name: str) -> list[tuple[str, str]]:
+    return [(one.part, one.kind) for one in look(root, name).entries]
+
+
+def test_of_a_file_with_several_volumes_each_is_told_as_it_is_named(root: Path) -> None:
+    numbers = np.zeros((4, 5, 6), np.uint8)
+    np.savez(root / "two.npz", first=numbers, second=numbers[:3])
+    np.savez(root / "one.npz", only=numbers)
+    np.save(root / "series.npy", np.zeros((2, 4, 5, 6), np.uint8))
+    with h5py.File(root / "run.h5", "w") as file:
+        file["/scan/raw"], file["/result/map"] = numbers, numbers
+        file["/result/moments"] = np.zeros((3, 4, 5, 6), np.float32)
+    listed_as = {entry.name: entry for entry in look(root).entries}
+    assert listed_as["two.npz"].is_folder and listed_as["two.npz"].is_volume
+    assert parts(root, "two.npz") == [("first", "4 x 5 x 6"), ("second", "3 x 5 x 6")]
+    assert parts(root, "one.npz") == []
+    assert parts(root, "series.npy") == [(f"axis0={n}", f"index along axis0 {n} of 0 to 1") for n in (0, 1)]
+    assert [part for part, _ in parts(root, "run.h5")] == ["/result/map", "/result/moments", "/scan/raw"]
+    assert [part for part, _ in parts(root, "run.h5#/result/moments")][:2] == [
+        "/result/moments,axis0=0",
+        "/result/moments,axis0=1",
+    ]
+    assert parts(root, "run.h5#/scan/raw") == []
+    assert [part for part, _ in parts(root, "two.npz#first")] == []
+
+
+def test_time_points_levels_and_cubes_are_parts(root: Path) -> None:
+    whole = np.zeros((6, 5, 4, 3), np.float32)
+    nibabel.save(nibabel.Nifti1Image(whole, np.eye(4)), root / "bold.nii")
+    assert parts(root, "bold.nii")[:2] == [("0", "volume 0 of 0 to 2"), ("1", "volume 1 of 0 to 2")]
+    cube, errors = fits.ImageHDU(whole[..., 0], name="DATA"), fits.ImageHDU(whole[..., 0], name="STAT")
+    fits.HDUList([fits.PrimaryHDU(), cube, errors]).writeto(root / "muse.fits")
+    assert parts(root, "muse.fits") == [("1", "DATA, 4 x 5 x 6"), ("2", "STAT, 4 x 5 x 6")]
+    group = zarr.open_group(str(root / "brain.zarr"), mode="w", zarr_format=2)
+    for level in (0, 1):
+        group.create_array(str(level), data=np.ones((2, 8 >> level, 8, 8), np.uint8), chunks=(1, 4, 4, 4))
+    datasets = [{"path": str(level)} for level in (0, 1)]
+    axes = [{"name": "c", "type": "channel"}, *({"name": name, "type": "space"} for name in "zyx")]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": datasets}]
+    assert [part for part, _ in parts(root, "brain.zarr")] == ["0", "1"]
+    assert [part for part, _ in parts(root, "brain.zarr#1")] == ["1,c=0", "1,c=1"]
+    assert parts(root, "brain.zarr#1,c=0") == []
+
+
+def test_parts_outside_of_the_root_are_not_told_and_what_is_damaged_is_refused(root: Path) -> None:
+    np.savez(root.parent / "secret.npz", first=np.zeros((2, 2, 2)), second=np.zeros((2, 2, 2)))
+    (root / "way.npz").symlink_to(root.parent / "secret.npz")
+    for name in ("../secret.npz", "way.npz"):
+        with pytest.raises(BadInput, match="is no folder below the one that volumes are opened from"):
+            look(root, name)
+    (root / "damaged.npz").write_bytes(b"PK\3\4")
+    with pytest.raises(BadInput, match="damaged"):
+        look(root, "damaged.npz")

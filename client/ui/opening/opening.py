@@ -114,6 +114,10 @@ class Opening:
         """What lies there; waits for a server. Raises BadInput and PeerLost."""
         return self._shown.session.list_folder(self._root, folder, words)
 
+    def parts(self, place: Place) -> FolderListed:
+        """The parts that a volume has, none where nothing can be chosen. As `listed`, and raises what opening would."""
+        return self.listed(str(place), "")
+
     def place_named(self, folder: str, typed: str) -> Place | str:
         """The volume at the end of a way from a folder, or from the root, or the folder there. Raises BadInput."""
         name = volume_name(typed)
@@ -122,7 +126,7 @@ class Opening:
             raise BadInput(f"{typed}: is not below {self.root_name}; choose another one")
         if below.name and not name.part:
             there = self.listed(below.folder, below.name)
-            if any(entry.is_folder and entry.name == below.name for entry in there.entries):
+            if any(entry.is_folder and not entry.is_volume and entry.name == below.name for entry in there.entries):
                 return "/".join(filter(None, (below.folder, below.name)))
         return below._replace(part=name.part)
 

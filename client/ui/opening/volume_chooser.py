@@ -82,8 +82,7 @@ class VolumeChooser:
             self._show(listed)
 
     def _show(self, listed: FolderListed) -> None:
-        self._choices = [*self._ways(), *(self._choice(entry) for entry in listed.entries)]
-        self._list.show([choice.row for choice in self._choices])
+        self._offer([*self._ways(), *(self._choice(entry) for entry in listed.entries)])
         told = "" if listed.entries else "no volume and no folder here"
         if listed.left_out:
             told = f"{listed.left_out} more are there; a part of a name finds them"
@@ -102,11 +101,39 @@ class VolumeChooser:
             entry.name or entry.kind,
             entry.kind if entry.name else "",
             size_on_disk(entry.bytes) if entry.bytes else "",
-            FOLDER if entry.is_folder else VOLUME,
+            VOLUME if entry.is_volume else FOLDER,
         )
+        place = Place(self._folder, entry.name, entry.part)
         if entry.is_folder:
-            return Choice(row, partial(self._go, f"{self._folder}/{entry.name}" if self._folder else entry.name))
-        return Choice(row, partial(self._open, Place(self._folder, entry.name, entry.part)))
+            return Choice(row, partial(self._open_part, place) if entry.is_volume else partial(self._go, str(place)))
+        return Choice(row, partial(self._open, place))
+
+    async def _open_part(self, place: Place) -> None:
+        """Open it, or show which of its parts can be opened."""
+        self._newest += 1
+        number, self._trouble.text = self._newest, ""
+        try:
+            listed = await asyncio.to_thread(self._opening.parts, place)
+        except VolsplatError as error:
+            self._trouble.text = str(error)
+            return
+        if number != self._newest:  # something else is looked at by now
+            return
+        if len(listed.entries) < 2:
+            await self._open(place)
+            return
+        self._where.text = f"parts of {place}"
+        self._left_out.text = f"{listed.left_out} more are there; name one after a #" if listed.left_out else ""
+        back = Choice(Row("..", "back to the folder", "", UP), partial(self._go, place.folder))
+        parts = [
+            Choice(Row(one.part, one.kind, "", VOLUME), partial(self._open_part, place._replace(part=one.part)))
+            for one in listed.entries
+        ]
+        self._offer([back, *parts])
+
+    def _offer(self, choices: list[Choice]) -> None:
+        self._choices = choices
+        self._list.show([choice.row for choice in choices])
 
     async def _show_phantoms(self) -> None:
         """In the place of what lies in the folder."""
@@ -117,8 +144,7 @@ class VolumeChooser:
             Choice(Row(name, PHANTOMS[name], "", PHANTOM), partial(self._open, Place("", name, is_phantom=True)))
             for name in self._opening.phantoms
         ]
-        self._choices = [back, *phantoms]
-        self._list.show([choice.row for choice in self._choices])
+        self._offer([back, *phantoms])
 
     async def _choose(self, number: int) -> None:
         if number < len(self._choices):
@@ -143,7 +169,7 @@ class VolumeChooser:
         except VolsplatError as error:
             self._trouble.text = str(error)
             return
-        await (self._go(place) if isinstance(place, str) else self._open(place))
+        await (self._go(place) if isinstance(place, str) else self._open_part(place))
 
     async def _open(self, place: Place) -> None:
         """Every tab is loaded anew once it is there."""

@@ -14,6 +14,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.reading.grids import geometry
 from volsplat.mapshade_server.readers.reading.length_units import in_one_unit, length_unit
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.text.errors import BadInput
@@ -152,10 +153,12 @@ def _choice(part: ArrayPart, axes: list[ArrayAxis], free: list[int]) -> BadInput
 
     chosen = sorted(sorted(free, key=likely_of_space)[: len(free) - 3])
     names = [_name(axes, n) for n in chosen]
-    return BadInput(
+    line = (
         f"{part.whole}: has axes {_shown(axes)}, volsplat needs three of them; choose an index of "
         f"{' and of '.join(names)}, as in {part.advice(','.join(f'{name}=0' for name in names))}"
     )
+    first = numbered(axes[chosen[0]].length, axes[chosen[0]].name or f"index along {names[0]}", names[0])
+    return PartNeeded(line, [one._replace(part=part.with_option(one.part)) for one in first])
 
 
 def _name(axes: Sequence[ArrayAxis], n: int) -> str:

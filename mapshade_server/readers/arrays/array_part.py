@@ -30,8 +30,12 @@ class ArrayPart(NamedTuple):
 
     def advice(self, option: str) -> str:
         """The name that the person should give to say `option` too."""
+        return f"{self.place}#{self.with_option(option)}"
+
+    def with_option(self, option: str) -> str:
+        """The part that says `option` too."""
         given = [f"{key}={value}" for key, value in self.options.items()]
-        return f"{self.place}#{','.join([*([self.path] if self.path else []), *given, option])}"
+        return ",".join([*([self.path] if self.path else []), *given, option])
 
     def wrong(self, key: str, why: str) -> BadInput:
         return BadInput(f"{self.place}: “{key}={self.options[key]}” {why}")

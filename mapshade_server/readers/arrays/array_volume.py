@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayGrid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues
+from volsplat.mapshade_server.readers.reading.part_options import listed
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, no_room
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
@@ -30,6 +32,7 @@ def array_volume(
     chunk: Index = (1, 1, 1),
     why_whole: str = "",
     files: Callable[[], Sequence[VolumeFile]] = tuple,
+    parts: Sequence[Part] = (),
 ) -> OpenedVolume:
     """The reader for an array whose numbers `pick` reads; `warnings` are those that its grid does not have."""
     description = VolumeDescription(
@@ -54,7 +57,7 @@ def array_volume(
         except MemoryError:
             raise no_room(part.place) from None
 
-    return OpenedVolume(description, read, files)
+    return OpenedVolume(description, read, files, parts)
 
 
 def is_one_chunk(grid: ArrayGrid, shape: Sequence[int], chunks: Sequence[int] | None) -> bool:
@@ -64,14 +67,20 @@ def is_one_chunk(grid: ArrayGrid, shape: Sequence[int], chunks: Sequence[int] | 
     )
 
 
-def shown_array(name: str, shape: Sequence[int]) -> str:
+def array_told(name: str, shape: Sequence[int]) -> Part:
     """An array for a person to choose."""
-    return f"{name} ({' x '.join(map(str, shape)) or 'a number'})"
+    return Part(name, " x ".join(map(str, shape)) or "a number")
 
 
-def choose_one(part: ArrayPart, where: str, first: str, shown: str) -> BadInput:
-    """What to say if `where` holds several arrays, of which `first` is the first."""
-    return BadInput(f"{where}: holds {shown}; choose one, as in {part.place}#{first}")
+def shown(parts: Sequence[Part]) -> list[str]:
+    """As a line lists them."""
+    return [f"{one.part} ({one.told})" for one in parts]
+
+
+def choose_one(part: ArrayPart, where: str, parts: Sequence[Part]) -> BadInput:
+    """What to say if `where` holds several arrays."""
+    line = f"{where}: holds {listed(shown(parts))}; choose one, as in {part.place}#{parts[0].part}"
+    return PartNeeded(line, parts)
 
 
 def is_minc(part: ArrayPart) -> BadInput:

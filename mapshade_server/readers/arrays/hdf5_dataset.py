@@ -22,11 +22,12 @@ from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_
 from volsplat.mapshade_server.readers.arrays.array_volume import (
     ONE_CHUNK,
     Pick,
+    array_told,
     array_volume,
     choose_one,
     is_minc,
     is_one_chunk,
-    shown_array,
+    shown,
 )
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
@@ -36,6 +37,7 @@ from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.part_options import listed
+from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, no_room
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -65,7 +67,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
         refuse_outside(h5py, path)
         if (image := image_in(h5py, chosen, file)) is not None:
             return _image(h5py, chosen, image, file[image.path])
-        dataset = _dataset(h5py, chosen, file)
+        dataset, parts = _dataset(h5py, chosen, file)
         chosen = chosen._replace(path=dataset.name)
         _check_readable(h5py, chosen, dataset)
         attributes = _attributes(dataset)
@@ -84,6 +86,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             warnings=[one.warning for one in coordinates],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
+            parts=parts,
         )
 
 
@@ -141,25 +144,26 @@ def _reason(error: Exception) -> str:
     return f"HDF5 cannot read it ({match[1] if match else text})"
 
 
-def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> Any:
-    """The dataset that the part names, else the file's default or only one with enough axes."""
+def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> tuple[Any, list[Part]]:
+    """The dataset that the part names, else the only one with enough axes, or the file's default, with the others."""
     if "minc-2.0" in file:
         raise is_minc(part)
     if part.path and part.path not in file:
-        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(_shown(_arrays(h5py, file)))}")
+        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(h5py, file))))}")
     found = file[part.path or "/"]
     if isinstance(found, h5py.Dataset):
-        return found
+        return found, []
     arrays = _arrays(h5py, found)
     volumes = [array for array in arrays if len(array.shape) >= 3 and array.dtype.kind in "biuf"]
     if len(volumes) == 1:
-        return volumes[0]
+        return volumes[0], []
     if not volumes:
-        raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {listed(_shown(arrays))}")
+        held = listed(shown(_told(arrays)))
+        raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {held}")
     default = _nexus_default(h5py, found)
     if default in volumes:
-        return default
-    raise choose_one(part, part.whole, volumes[0].name, listed(_shown(volumes)))
+        return default, _told(volumes)
+    raise choose_one(part, part.whole, _told(volumes))
 
 
 def _arrays(h5py: ModuleType, group: Any) -> list[Any]:
@@ -178,8 +182,8 @@ def _arrays(h5py: ModuleType, group: Any) -> list[Any]:
     return found
 
 
-def _shown(arrays: list[Any]) -> list[str]:
-    return [shown_array(array.name, array.shape) for array in arrays]
+def _told(arrays: list[Any]) -> list[Part]:
+    return [array_told(array.name, array.shape) for array in arrays]
 
 
 def _nexus_default(h5py: ModuleType, group: Any) -> Any:

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
+from volsplat.mapshade_server.readers.arrays.array_volume import array_told
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 
@@ -125,7 +127,8 @@ def _vtk_array(part: ArrayPart, arrays: dict[str, Any], axes: int) -> Any:
     if not found:
         raise BadInput(f"{part.place}: has no array of single numbers “{wanted}”; it has {listed or 'none'}")
     if len(found) > 1:
-        raise BadInput(f"{part.place}: holds {listed}; choose one, as in {part.place}#{found[0].name}")
+        line = f"{part.place}: holds {listed}; choose one, as in {part.place}#{found[0].name}"
+        raise PartNeeded(line, [array_told(one.name, one.shape) for one in found])
     if found[0] not in scalars:
         refuse_vectors(Path(part.place), f"{found[0].shape[-1]} components a voxel in {found[0].name}")
     return found[0]
@@ -198,7 +201,9 @@ def _chosen(part: ArrayPart, key: str, count: int, names: Sequence[str], default
     said = part.whole_number(key)
     if said is None and default is None and count > 1:
         shown = ", ".join(f"{key}={n} “{name}”" for n, name in enumerate(names) if name) or f"{key}=0 to {count - 1}"
-        raise BadInput(f"{part.place}: holds {count} volumes, {shown}; choose, as in {part.advice(f'{key}=0')}")
+        line = f"{part.place}: holds {count} volumes, {shown}; choose, as in {part.advice(f'{key}=0')}"
+        told = [name or f"{key} {n} of 0 to {count - 1}" for n, name in enumerate(names or [""] * count)]
+        raise PartNeeded(line, [Part(part.with_option(f"{key}={n}"), word) for n, word in enumerate(told)])
     number = default or 0 if said is None else said
     if number >= count:
         raise part.wrong(key, f"is beyond the last, {key}={count - 1}")

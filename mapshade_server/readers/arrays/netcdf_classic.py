@@ -13,7 +13,7 @@ from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, text_attribute
-from volsplat.mapshade_server.readers.arrays.array_volume import array_volume, choose_one, is_minc, shown_array
+from volsplat.mapshade_server.readers.arrays.array_volume import array_told, array_volume, choose_one, is_minc, shown
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_dataset import NETCDF_FILL
 from volsplat.mapshade_server.readers.arrays.netcdf_header import MAGIC, VERSIONS, Variable, netcdf_variables
@@ -56,7 +56,7 @@ def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
 def _chosen(part: ArrayPart, variables: dict[str, Variable]) -> Variable:
     """The variable that the part names, else the only one with enough axes."""
     name = part.path.strip("/")
-    every = listed([shown_array(one.name, one.shape) for one in variables.values()])
+    every = listed(shown([array_told(one.name, one.shape) for one in variables.values()]))
     if name:
         if name not in variables:
             raise BadInput(f"{part.place}: has no variable “{name}”; it holds {every}")
@@ -65,8 +65,7 @@ def _chosen(part: ArrayPart, variables: dict[str, Variable]) -> Variable:
     if not volumes:
         raise BadInput(f"{part.place}: holds no variable with three axes of numbers; it holds {every}")
     if len(volumes) > 1:
-        shown = [shown_array(one.name, one.shape) for one in volumes.values()]
-        raise choose_one(part, part.place, next(iter(volumes)), listed(shown))
+        raise choose_one(part, part.place, [array_told(one.name, one.shape) for one in volumes.values()])
     return next(iter(volumes.values()))
 
 

@@ -19,7 +19,7 @@ from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import plain_values
-from volsplat.mapshade_server.readers.arrays.array_volume import Pick, array_volume, choose_one
+from volsplat.mapshade_server.readers.arrays.array_volume import Pick, array_told, array_volume, choose_one
 from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Index
@@ -113,11 +113,11 @@ def _member(part: ArrayPart, archive: zipfile.ZipFile) -> zipfile.ZipInfo:
         with archive.open(member) as file:
             shape = _array(part._replace(path=name), file).shape
         if len(shape) >= 3:
-            volumes[name] = f"{name} {' x '.join(str(length) for length in shape)}"
+            volumes[name] = array_told(name, shape)
     if not volumes:
         raise BadInput(f"{part.place}: none of its arrays has three axes; it holds {', '.join(arrays) or 'none'}")
     if len(volumes) > 1:
-        raise choose_one(part, part.place, next(iter(volumes)), ", ".join(volumes.values()))
+        raise choose_one(part, part.place, list(volumes.values()))
     return arrays[next(iter(volumes))]
 
 

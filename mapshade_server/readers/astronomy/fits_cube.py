@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
-from volsplat.mapshade_server.readers.astronomy.fits_hdus import chosen_hdu
+from volsplat.mapshade_server.readers.astronomy.fits_hdus import chosen_hdu, cubes_told
 from volsplat.mapshade_server.readers.astronomy.fits_tiles import check_tiles_within
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.reading.part_options import index_in, part_options
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
 from volsplat.protocol.description.kind import Kind
@@ -57,6 +58,7 @@ def open_fits_cube(path: Path, part: str) -> OpenedVolume:
             stored = _plain_voxels(path, hdu, array)
         place = placed(path, hdu.header, hdus, array.dims, array.axes, array.picked)
         texts = {key: str(hdu.header.get(key, "")).strip() for key in ("BUNIT", "BTYPE")}
+        parts = cubes_told(hdus) if note else []
         of_several = f", HDU {number} ({hdu.name})" if len(hdus) > 1 else ""
     description = VolumeDescription(
         name=path.name,
@@ -75,7 +77,7 @@ def open_fits_cube(path: Path, part: str) -> OpenedVolume:
         chunk=(place.geometry.dims[0], 1, 1),
         why_whole="the file is compressed by gzip" if zipped else "",
     )
-    return OpenedVolume(description, lambda box: scaling.applied(stored(box)))
+    return OpenedVolume(description, lambda box: scaling.applied(stored(box)), parts=parts)
 
 
 @contextmanager
@@ -131,10 +133,14 @@ def _array(path: Path, number: int, hdu: Any, said: Mapping[str, str]) -> _Array
         more = next((axis for axis in axes if names[axis] in COMPONENTS), axes[-1])
         shown = " x ".join(f"{sizes[axis]} {names[axis]}".strip() for axis in axes)
         plane = f"{path}#{f'{number},' if number else ''}axis{more + 1}=0"
-        raise BadInput(
+        line = (
             f"{path}: {len(axes)} axes, {shown}, volsplat needs three; choose a plane of axis {more + 1}, "
             f"0 to {sizes[more] - 1}, as in {plane}"
         )
+        planes = numbered(sizes[more], names[more] or f"plane of axis {more + 1}", f"axis{more + 1}")
+        given = "".join(f"axis{axis + 1}={n}," for axis, n in picked.items())
+        before = f"{number},{given}" if number else given
+        raise PartNeeded(line, [one._replace(part=f"{before}{one.part}") for one in planes])
     refuse_other_dimensions(path, tuple(sizes[axis] for axis in axes) or (1,))
     for axis in axes:
         if names[axis] in COMPONENTS:

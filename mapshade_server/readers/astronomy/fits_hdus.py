@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.protocol.text.errors import BadInput
 
 _DATA_NAMES = ("DATA", "SCI", "FLUX")
@@ -36,8 +37,14 @@ def chosen_hdu(path: Path, hdus: Any, word: str) -> tuple[int, tuple[str, ...]]:
         others = [str(hdus[n].name) or str(n) for n in cubes if n != data]
         return data, (f"of {len(cubes)} cubes {hdus[data].name} is shown; {path.name}#{others[0]} shows {others[0]}",)
     if not word or named:
-        raise BadInput(f"{path}: holds {len(cubes)} cubes: HDU {listed}; choose one, as in {path}#{cubes[0]}")
+        line = f"{path}: holds {len(cubes)} cubes: HDU {listed}; choose one, as in {path}#{cubes[0]}"
+        raise PartNeeded(line, cubes_told(hdus))
     raise BadInput(f"{path}: has no HDU “{word}”; its cubes are HDU {listed}")
+
+
+def cubes_told(hdus: Any) -> list[Part]:
+    """All of a file, by their numbers."""
+    return [Part(str(n), _told(hdu)) for n, hdu in enumerate(hdus) if len(_long_axes(hdu)) > 2]
 
 
 def _data(hdus: Any, cubes: Sequence[int]) -> int | None:

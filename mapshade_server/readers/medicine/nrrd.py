@@ -16,6 +16,7 @@ from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import (
     BYTE_ORDERS,
@@ -27,7 +28,6 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import (
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
-from volsplat.protocol.text.errors import BadInput
 
 _SCALAR_TYPES = {
     "int8": "signed char, int8, int8_t",
@@ -95,7 +95,8 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
     axes = _axes(header)
     if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
         what = f"{axes.frames} components a voxel, of kind {axes.kind}"
-        raise BadInput(f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0")
+        line = f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0"
+        raise PartNeeded(line, numbered(axes.frames, "component"))
     frame, name = chosen_frame(path, part, axes.frames)
     scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
     if scalar_type is None:

@@ -19,6 +19,7 @@ from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, index_in, part_options
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels, voxel_room
@@ -108,7 +109,8 @@ def _series_number(path: Path, said: PartOptions, every: Sequence[Any]) -> int:
     shown = "; ".join(
         f"{n} “{every[n].name}” {' x '.join(str(size) for size in reversed(every[n].shape))}" for n in volumes
     )
-    raise BadInput(f"{path}: holds {len(volumes)} images: {shown}; choose one, as in {path}#series={volumes[0]}")
+    line = f"{path}: holds {len(volumes)} images: {shown}; choose one, as in {path}#series={volumes[0]}"
+    raise PartNeeded(line, [Part(f"series={n}", f"image {n}, {every[n].name}") for n in volumes])
 
 
 def _slice_axis(series: Any) -> int | None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip, unzipped
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.unpacked_stream import MOST_GROWTH, Packing
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, boxes_of
 from volsplat.protocol.description.kind import Kind
@@ -194,10 +195,12 @@ def _chosen(header: _Header, part: str) -> int:
     if part:
         raise BadInput(f"{header.path}: has no part “{part}”; its {what} are {listed}")
     if len(header.labels) > 1:
-        raise BadInput(
+        line = (
             f"{header.path}: has {len(header.labels)} {what}: {listed}; "
             f"choose one, as in {header.path.name}#{header.labels[0]}"
         )
+        one = "orbital" if header.of_orbitals else "value"
+        raise PartNeeded(line, [Part(label, f"{one} {label}") for label in header.labels])
     return 0
 
 

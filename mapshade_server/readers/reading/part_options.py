@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.protocol.text.errors import BadInput
 
 MOST_LISTED = 12
@@ -52,7 +53,8 @@ def chosen_frame(path: Path, part: str, frames: int) -> NumberedVolume:
     if frames == 1 and part not in ("", "0"):
         raise BadInput(f"{path}: holds one volume, it has no part “{part}”; leave out #{part}")
     if frames > 1 and not part:
-        raise BadInput(f"{path}: a series of {frames} volumes, numbered from 0; choose one, as in {path}#0")
+        line = f"{path}: a series of {frames} volumes, numbered from 0; choose one, as in {path}#0"
+        raise PartNeeded(line, numbered(frames, "volume"))
     number = index_in(path, part or "0", frames, "volumes")
     return NumberedVolume(number, f"{path.name}#{number}" if frames > 1 else path.name)
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.text.byte_sizes import bytes_text
@@ -48,6 +49,7 @@ class OpenedVolume:
     description: VolumeDescription
     read: ReadBox
     found_files: Callable[[], Sequence[VolumeFile]] = tuple  # if they are not what is named: see volume_files
+    parts: Sequence[Part] = ()  # of the same file, this one included, where one was chosen that nobody named
 
     def describe(self) -> VolumeDescription:
         return self.description

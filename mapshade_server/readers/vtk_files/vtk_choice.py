@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.protocol.text.errors import BadInput
 
 ASSOCIATIONS = ("PointData", "CellData")  # as VTK calls what arrays belong to
@@ -40,7 +41,8 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
         if taken or len(found) == 1:
             return (taken or found)[0]
         if found:
-            raise BadInput(f"{path}: holds {_listed(found)}; choose one, as in {path}#{found[0].name}")
+            line = f"{path}: holds {_listed(found)}; choose one, as in {path}#{found[0].name}"
+            raise PartNeeded(line, [Part(one.name, "of cells" if one.of_cells else "of points") for one in found])
     if arrays:
         raise BadInput(
             f"{path}: has only {_listed(arrays)}, volsplat needs one number a voxel; save a component or the magnitude"

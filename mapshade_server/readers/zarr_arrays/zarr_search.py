@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
-from volsplat.mapshade_server.readers.arrays.array_volume import choose_one, shown_array
+from volsplat.mapshade_server.readers.arrays.array_volume import array_told, choose_one, shown
 from volsplat.mapshade_server.readers.reading.part_options import listed
+from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Multiscale, multiscale_of
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, ZarrPlace
 from volsplat.protocol.text.errors import BadInput
@@ -22,6 +23,7 @@ class FoundArray(NamedTuple):
     array: Any
     image: Multiscale | None = None
     level: int = 0
+    named: bool = True  # not the first level of an image for want of a word
 
 
 def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:
@@ -54,15 +56,15 @@ def _in_group(part: ArrayPart, place: ZarrPlace, group: Any) -> FoundArray:
     """The finest level of the image that the group is, or the only volume in it."""
     image = multiscale_of(part.whole, group.attrs)
     if image is not None:
-        return _level(part, place, part.path, image, 0)
+        return _level(part, place, part.path, image, 0)._replace(named=part.path != "")
     volumes = _volumes(place, part.path, group)
     if not volumes:
         raise BadInput(
             f"{part.whole}: no array with three axes is found in this group; name one, as in {part.place}#PATH"
         )
     if len(volumes) > 1:
-        raise choose_one(part, part.whole, volumes[0].path, listed([one.shown for one in volumes]))
-    return found_array(part._replace(path=volumes[0].path), place)
+        raise choose_one(part, part.whole, volumes)
+    return found_array(part._replace(path=volumes[0].part), place)
 
 
 def _level(part: ArrayPart, place: ZarrPlace, group: str, image: Multiscale, level: int) -> FoundArray:
@@ -111,19 +113,12 @@ def _as_level(part: ArrayPart, place: ZarrPlace, group: str, path: str) -> Found
 
 
 def _all_shown(place: ZarrPlace) -> str:
-    return listed([one.shown for one in _volumes(place, "", None)], "no volume that could be listed")
+    return listed(shown(_volumes(place, "", None)), "no volume that could be listed")
 
 
-class _Volume(NamedTuple):
-    """What might be meant: an array, or a group that is an image."""
-
-    path: str
-    shown: str
-
-
-def _volumes(place: ZarrPlace, path: str, group: Any) -> list[_Volume]:
+def _volumes(place: ZarrPlace, path: str, group: Any) -> list[Part]:
     """The images, and the arrays with three axes or more, in a group and its groups, level by level."""
-    found: list[_Volume] = []
+    found: list[Part] = []
     waiting = [(path, place.node(path) if group is None else group)]
     for _ in range(MOST_NODES):
         if not waiting:
@@ -131,9 +126,9 @@ def _volumes(place: ZarrPlace, path: str, group: Any) -> list[_Volume]:
         path, node = waiting.pop(0)
         if place.is_array(node):
             if len(node.shape) >= 3:
-                found.append(_Volume(path, shown_array(path or "an array", node.shape)))
+                found.append(array_told(path or "an array", node.shape))
         elif node is not None and multiscale_of(path, node.attrs) is not None:
-            found.append(_Volume(path, f"{path} (an image)"))
+            found.append(Part(path, "an image"))
         elif node is not None:
             waiting += sorted((f"{path}/{name}".strip("/"), member) for name, member in _members(node))
     return found

@@ -19,6 +19,7 @@ from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plai
 from volsplat.mapshade_server.readers.arrays.array_volume import ONE_CHUNK, array_volume, is_one_chunk
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_place
@@ -94,7 +95,11 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         values = plain_values(part.whole, array.dtype)
         coordinates = [Coordinates(axis) for axis in level_axes(part, found.image, found.level, array.shape)]
         text = f"OME-Zarr {found.image.version}, level {found.level} of 0 to {len(found.image.paths) - 1}"
-    grid = array_grid(part, [one.axis for one in coordinates])
+    levels = [] if found.named or part.options or found.image is None else numbered(len(found.image.paths), "level")
+    try:
+        grid = array_grid(part, [one.axis for one in coordinates])
+    except PartNeeded as needed:  # of each level
+        raise PartNeeded(str(needed), levels) if len(levels) > 1 else needed from None
     others = found.image.others if found.image is not None else 0
     also = f"the first of the {1 + others} images that its metadata describes is taken" if others else ""
     chunk_bytes = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
@@ -115,6 +120,7 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         chunk=grid.chunk(array.chunks),
         why_whole=ONE_CHUNK if is_one_chunk(grid, array.shape, array.chunks) else "",
         files=files,
+        parts=levels,
     )
 
 

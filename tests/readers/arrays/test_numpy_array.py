@@ -140,7 +140,7 @@ def test_an_npz_gives_the_array_that_is_named(tmp_path: Path) -> None:
         save(path, flat=values[0], one=values, other=values * 2)
         np.testing.assert_array_equal(read_whole(f"{path}#other"), values * 2)
         assert open_volume(f"{path}#one").describe().reads_sub_cubes == (save is np.savez)
-        with pytest.raises(BadInput, match=r"holds one 5 x 6 x 7, other 5 x 6 x 7; choose one, as in .*npz#one"):
+        with pytest.raises(BadInput, match=r"holds one \(5 x 6 x 7\), other \(5 x 6 x 7\); choose one, as .*npz#one"):
             open_volume(str(path))
         with pytest.raises(BadInput, match="has no array “two”; it holds flat, one, other"):
             open_volume(f"{path}#two")

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from support.pages.browser import browser, browser_page
@@ -94,6 +95,21 @@ def test_a_path_that_is_typed_opens_what_a_list_cannot_show(root: Path, browser_
         typed.fill("../zz.nrrd")
         typed.press("Enter")
         shows(page, "zz.nrrd")
+
+
+def test_parts_of_a_file_are_shown_and_one_is_opened(tmp_path: Path, browser_page: Page) -> None:
+    values = make_phantom("head", (16, 18, 20))[0].numpy()
+    np.savez(tmp_path / "pair.npz", whole=values, cut=values[:12])
+    np.savez(tmp_path / "single.npz", only=values)
+    with viewed(tmp_path, None, "--workers", "1") as running:
+        page = browser_page
+        start(page, running.url)
+        entry(page, "pair.npz").click()
+        entry(page, "cut 12 x 18 x 16").click()
+        shows(page, "pair.npz")
+        page.keyboard.press("o")
+        entry(page, "single.npz").click()
+        shows(page, "single.npz")
 
 
 def test_servers_started_by_hand_tell_what_they_see_and_go_on_from_volume_to_volume(
