@@ -156,9 +156,9 @@ def test_kernels_and_reference_agree_in_any_view_of_any_grid(
 
 @pytest.mark.parametrize("opacity", [1e-5, 1e-4, 1e-3, 1e-2])
 def test_kernels_and_reference_agree_in_thin_fog(opacity: float) -> None:
-    geometry = Geometry((10, 10, 200))
-    scene = plain_scene(opacity, view=View(rotation=quaternion_to((0.02, 0.01, 1.0)), zoom=1.73), size=(24, 24))
-    values = torch.full((200, 10, 10), 255.0, dtype=torch.float64)
+    geometry = Geometry((6, 6, 200))
+    scene = plain_scene(opacity, view=View(rotation=quaternion_to((0.02, 0.01, 1.0)), zoom=1.73), size=(18, 18))
+    values = torch.full((200, 6, 6), 255.0, dtype=torch.float64)
     voxels = voxel_packets.pack(values, geometry, QUANTISATION)
     for step in (Step.A, Step.C, Step.F):
         table = TableWeights(scene, geometry, step) if step >= Step.D else None
