@@ -93,7 +93,7 @@ test: $(READY) tools ## lint, type-check and test, the properties on the baselin
 
 # What each compiler must give: the kernels' own tests, and that all instruction sets agree.
 KERNEL_TESTS := $(addprefix tests/,mapshade_server/test_kernel_map_shade.py mapshade_server/test_kernel_voxel_packets.py \
-	splat_server/test_kernel_merge.py splat_server/test_kernel_splat.py splat_server/test_tile_maps.py \
+	$(addprefix splat_server/test_,merge_order.py owners.py kernel_splat.py tile_maps.py) \
 	protocol/test_kernel_constants.py bench/test_bench_floors.py exactness/test_order_independence.py)
 CLANG := build/clang
 CLANG_CC ?= clang

@@ -59,3 +59,10 @@ def test_nothing_has_a_word_that_a_hook_forbids() -> None:
     for path in PYTHON:
         text = path.read_text(encoding="utf-8")
         assert not any(pattern.search(text) for pattern in forbidden), path
+
+
+def test_the_makefile_names_tests_that_are_there() -> None:
+    """Those of `make clang` are run by nobody else."""
+    tell = ["make", "-s", "--eval", "tell: ; @echo $(KERNEL_TESTS) $(PROPERTIES)", "tell"]
+    named = subprocess.run(tell, cwd=ROOT, capture_output=True, encoding="utf-8", check=True).stdout.split()
+    assert len(named) > 10 and not [name for name in named if not (ROOT / name.partition("::")[0]).is_file()]
