@@ -138,6 +138,8 @@ class Owners:
     """Threads that own regions of an image. One thread at a time may call. See owners.h."""
 
     def __init__(self, threads: int) -> None: ...
+    @property
+    def threads(self) -> int: ...
     def clear(self, width: int, height: int, turned: bool) -> None:
         """End the frame before, and empty the image, which is of this size as it is published."""
 
@@ -210,7 +212,7 @@ class Ellipse:
 class FootprintTable:
     """Weights for 2^offset_bits fractional offsets a pixel on each axis."""
 
-    def __init__(self, projection: KernelProjection, ellipse: Ellipse, offset_bits: int) -> None: ...
+    def __init__(self, projection: KernelProjection, ellipse: Ellipse, offset_bits: int, threads: int = 1) -> None: ...
     @staticmethod
     def bytes_needed(ellipse: Ellipse, offset_bits: int) -> float: ...
     def weights_at(self, fx: int, fy: int) -> tuple[int, int, list[float]]:

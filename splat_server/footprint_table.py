@@ -46,14 +46,14 @@ def offset_bits_for(shape: FootprintShape) -> int:
 
 
 @lru_cache(maxsize=2)
-def footprint_table(shape: FootprintShape) -> FootprintTable:
-    """The table of a view. Raises BadInput where one footprint is larger than any image."""
+def footprint_table(shape: FootprintShape, threads: int = 1) -> FootprintTable:
+    """The table of a view, made by so many threads. Raises BadInput where one footprint is larger than any image."""
     ellipse = _ellipse(shape)
     if FootprintTable.bytes_needed(ellipse, 0) > LARGEST_SINGLE:
         raise BadInput(
             f"a voxel's footprint is {2 * shape.half_width:.0f} x {2 * shape.half_height:.0f} pixels; lower the zoom"
         )
-    return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape))
+    return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape), threads)
 
 
 def _ellipse(shape: FootprintShape) -> Ellipse:

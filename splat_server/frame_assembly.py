@@ -41,7 +41,7 @@ class FrameAssembly:
         self.frame = frame
         self._owners = owners
         reach: PixelReach | _kernels.Slabs
-        reach, self.pixels_per_packet = slabs or reach_and_cost(plan)
+        reach, self.pixels_per_packet = slabs or reach_and_cost(plan, owners.threads)
         self._reach = reach
         self._edges = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         self._begun: SplatFrame | None = None

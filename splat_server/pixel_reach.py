@@ -13,16 +13,16 @@ CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
 
 
-def pixel_reach(plan: FramePlan) -> PixelReach:
-    """Raises BadInput for a footprint larger than any image."""
+def pixel_reach(plan: FramePlan, threads: int = 1) -> PixelReach:
+    """As so many threads find it. Raises BadInput for a footprint larger than any image."""
     if plan.footprint is not None:
-        return footprint_table(plan.footprint)
+        return footprint_table(plan.footprint, threads)
     return cell_map(plan) if plan.reach == Reach.CELL else None
 
 
-def reach_and_cost(plan: FramePlan) -> tuple[PixelReach, int]:
+def reach_and_cost(plan: FramePlan, threads: int) -> tuple[PixelReach, int]:
     """With what splatting one packet costs at most, in pixels combined. Raises BadInput as `pixel_reach`."""
-    reach = pixel_reach(plan)
+    reach = pixel_reach(plan, threads)
     return reach, pixels_reached(reach, plan)
 
 

@@ -1,7 +1,11 @@
 #include "footprint_table.h"
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <mutex>
 #include <stdexcept>
+#include <thread>
 
 #include "paths/splat_kernels.h"
 
@@ -11,6 +15,9 @@ namespace {
 
 // Keeps rounding noise in an extent from adding a column; the weight there is below 1e-6.
 constexpr double kRimSlack = 1e-9;
+
+// Below, starting a thread takes longer than it saves.
+constexpr std::size_t kWeightsWorthAThread = 1 << 14;
 
 int pixels_across(double half_extent) {
     return std::max(1, static_cast<int>(std::ceil(2 * (half_extent - kRimSlack))));
@@ -46,7 +53,7 @@ FootprintTable::Starts::Starts(double half_extent, int offsets) : step(offsets) 
     }
 }
 
-FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits)
+FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits, int threads)
     : offset_bits_(offset_bits),
       width_(pixels_across(checked_extent(ellipse.half_width))),
       height_(pixels_across(checked_extent(ellipse.half_height))),
@@ -73,22 +80,44 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
                            offsets,
                            start_x_.at.data(),
                            start_y_.at.data()};
-    splat_kernels().fill_footprints(box, weights());
-    find_spans();
+    fill(box, threads);
 }
 
-void FootprintTable::find_spans() {
+// Each thread fills rows of offsets in turns, and finds what they reach.
+void FootprintTable::fill(const FootprintBox& box, int threads) {
     spans_.assign(height_, {width_, 0});
-    const float* row = weights();
-    const std::size_t boxes = std::size_t(1) << 2 * offset_bits_;
-    for (std::size_t box = 0; box < boxes; ++box)
-        for (RowSpan& span : spans_) {
+    const std::size_t in_row = static_cast<std::size_t>(box.offsets) * height_ * pitch_;
+    std::atomic<int> next{0};
+    std::mutex joining;
+    const auto work = [&] {
+        for (int fy = next++; fy < box.offsets; fy = next++) {
+            float* const row = weights() + fy * in_row;
+            splat_kernels().fill_footprints(box, fy, row);
+            const std::vector<RowSpan> reached = spans_of(row, box.offsets);
+            const std::lock_guard locked(joining);
+            for (int y = 0; y < height_; ++y)
+                spans_[y] = {std::min(spans_[y].begin, reached[y].begin), std::max(spans_[y].end, reached[y].end)};
+        }
+    };
+    std::vector<std::jthread> helpers;
+    const auto worth = static_cast<int>(weight_count_ / kWeightsWorthAThread);
+    for (int n = 1; n < std::min({threads, box.offsets, worth}); ++n) helpers.emplace_back(work);
+    work();
+}
+
+// What the rows of so many boxes reach together.
+std::vector<RowSpan> FootprintTable::spans_of(const float* boxes, std::size_t count) const {
+    std::vector<RowSpan> spans(height_, {width_, 0});
+    const float* row = boxes;
+    for (std::size_t box = 0; box < count; ++box)
+        for (RowSpan& span : spans) {
             int begin = 0, end = width_;
             while (begin < span.begin && !(row[begin] > 0)) ++begin;
             while (end > span.end && !(row[end - 1] > 0)) --end;
             span = {std::min(begin, span.begin), std::max(end, span.end)};
             row += pitch_;
         }
+    return spans;
 }
 
 std::tuple<int, int, std::vector<float>> FootprintTable::weights_at(int fx, int fy) const {

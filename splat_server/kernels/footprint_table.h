@@ -5,6 +5,7 @@
 #include <tuple>
 #include <vector>
 
+#include "footprint_box.h"
 #include "kernel_projection.h"
 #include "kernels/large_memory.h"
 #include "splat_job.h"
@@ -18,8 +19,9 @@ struct Ellipse {
 
 class FootprintTable {
 public:
-    // 2^offset_bits offsets a pixel on each axis, 0..6. Throws std::invalid_argument for numbers that make no table.
-    FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits);
+    // 2^offset_bits offsets a pixel on each axis, 0..6, by so many threads. Throws std::invalid_argument for numbers
+    // that make no table.
+    FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits, int threads);
 
     // The bytes of such a table's weights, to choose the offsets by.
     static double bytes_needed(const Ellipse& ellipse, int offset_bits);
@@ -42,7 +44,8 @@ private:
     };
 
     float* weights() const { return memory_.get() + kWeightMargin; }
-    void find_spans();
+    void fill(const FootprintBox& box, int threads);
+    std::vector<RowSpan> spans_of(const float* boxes, std::size_t count) const;
 
     int offset_bits_, width_, height_, pitch_;
     bool clamped_;

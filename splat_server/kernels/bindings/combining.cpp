@@ -44,8 +44,8 @@ void bind_combining(nb::module_& m) {
                double half_height) { new (self) Ellipse{amplitude, qxx, qxy, qyy, half_width, half_height}; },
             "amplitude"_a, "qxx"_a, "qxy"_a, "qyy"_a, "half_width"_a, "half_height"_a);
     nb::class_<FootprintTable>(m, "FootprintTable")
-        .def(nb::init<const KernelProjection&, const Ellipse&, int>(), "projection"_a, "ellipse"_a, "offset_bits"_a,
-             nb::call_guard<nb::gil_scoped_release>())
+        .def(nb::init<const KernelProjection&, const Ellipse&, int, int>(), "projection"_a, "ellipse"_a,
+             "offset_bits"_a, "threads"_a = 1, nb::call_guard<nb::gil_scoped_release>())
         .def_static("bytes_needed", &FootprintTable::bytes_needed, "ellipse"_a, "offset_bits"_a)
         .def(
             "weights_at", [](const FootprintTable& self, int fx, int fy) { return self.weights_at(fx, fy); }, "fx"_a,

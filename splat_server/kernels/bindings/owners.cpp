@@ -268,6 +268,7 @@ void bind_owners(nb::module_& m) {
     nb::class_<Owners>(m, "Owners")
         .def(nb::init<int>(), "threads"_a)
         .def("clear", &Owners::clear, "width"_a, "height"_a, "turned"_a, Unlocked())
+        .def_prop_ro("threads", &Owners::threads)
         .def_prop_ro("image_size", &image_size)
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a, "thresholds"_a,

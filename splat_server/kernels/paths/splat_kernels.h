@@ -15,7 +15,7 @@ struct SplatKernels {
     Kernel<SplatOutcome(const SplatJob& job)> splat;
 
     // Writes [offsets y][offsets x][height][pitch] weights into zeros.
-    Kernel<void(const FootprintBox& box, float* weights)> fill_footprints;
+    Kernel<void(const FootprintBox& box, int fy, float* weights)> fill_footprints;
 
     // Finds the voxels of runs, behind those found before, for which there is room; returns how many are hidden.
     Kernel<std::uint64_t(const SlabTableView& table, const SlabSums& sums, const ImageView& image, const SlabRuns& runs,

@@ -18,6 +18,7 @@ class Owners {
 public:
     explicit Owners(int threads) : threads_(threads) {}
     ~Owners() { close(); }
+    int threads() const { return threads_; }
 
     // Ends the frame before, and empties the image. Throws std::bad_alloc.
     void clear(int width, int height, bool turned);
