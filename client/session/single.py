@@ -294,6 +294,7 @@ class SingleProcess:
             assembly.closed_tiles,
             request.regions,
             self._threads,
+            handed_over=False,
         )
         assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return request, assembly

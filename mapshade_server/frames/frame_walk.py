@@ -18,7 +18,7 @@ from volsplat.protocol.rules.shading_rule import ShadingRule
 from volsplat.protocol.rules.slab_shape import SlabShape
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB of all walkers: few hand-overs, and the next stage still finds it in the cache
-LEAST_PACKETS = 1 << 14  # of one walker of many
+LEAST_PACKETS = 1 << 14  # of one walker of many, or where handing over costs nothing
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
 
 SLAB_PACKETS = 1 << 14  # of a batch of unshaded voxels: few of those that follow are then hidden
@@ -68,6 +68,7 @@ class FrameWalk:
         closed_tiles: "_kernels.Array | None" = None,
         regions: Sequence[Region] = (),
         walkers: int = 1,
+        handed_over: bool = True,
     ) -> None:
         """Start at the first sample.
 
@@ -79,7 +80,8 @@ class FrameWalk:
         Of a frame of slabs voxels are handed out unshaded (see packet_layout). Raises ValueError for sub-cubes that are
         too long for it.
 
-        `regions` are those of the plan's lines; without any the image is one. A batch has a part for each.
+        `regions` are those of the plan's lines; without any the image is one. A batch has a part for each. Unless
+        batches are `handed_over` to another process, they are small.
         """
         if plan.slabs is not None:
             max_packets = SLAB_PACKETS
@@ -87,7 +89,7 @@ class FrameWalk:
                 sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers
             )
         else:
-            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS)
+            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if handed_over else LEAST_PACKETS
             walk = _sheet_walk(
                 sub_cubes, geometry, quantisation, shading, plan, closed_tiles, regions, walkers, max_packets
             )

@@ -9,9 +9,9 @@ namespace volsplat {
 
 namespace {
 
-// Bytes that may be buffered of all walks, and of each at least: enough for owners of unequal regions, and little
-// enough for the caches, and that hardly anything is walked that has become hidden meanwhile.
-constexpr std::int64_t kWalksBudget = 1 << 20, kLeastWalkBudget = 1 << 17;
+// Bytes of a walk that may be buffered: some steps, so that owners need not go on together although their regions and
+// cores differ, and few enough that they lie in the caches and that little is walked that has become hidden meanwhile.
+constexpr std::int64_t kWalkBudget = 1 << 19;
 
 RowSpan all_lines(const std::vector<RowSpan>& regions) { return {regions.front().begin, regions.back().end}; }
 
@@ -25,6 +25,7 @@ SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::
       bells_(std::move(bells)),
       work_(image_->tile_rows()),
       block_{pixels_.get(), rectangle_of(*image_, all_lines(task_.regions))},
+      sleepers_(std::make_shared<Sleepers>(bells_.owners)),
       records_(bells_.owners.size(), OwnerRecord{{}, task_.traced, {}}),
       unfinished_(static_cast<int>(task_.regions.size())) {
     SplatJob job = task_.job;
@@ -35,11 +36,9 @@ SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::
         regions_.push_back(std::make_unique<Region>(*image_, job, task_.sources, task_.layers));
     }
     for (int n = 0; n < task_.sources; ++n) sources_.push_back(std::make_unique<Source>(task_.counts, regions_.size()));
-    const std::int64_t walks = task_.walks.size();
-    for (std::int64_t n = 0; n < walks; ++n) {
-        const std::int64_t bytes = std::max(kWalksBudget / walks, kLeastWalkBudget);
-        const auto wake = [bell = bells_.owners[n]] { bell->ring(); };
-        walks_.push_back({task_.walks[n], std::make_shared<ReadBudget>(bytes, wake)});
+    for (std::size_t n = 0; n < task_.walks.size(); ++n) {
+        auto budget = std::make_shared<ReadBudget>(kWalkBudget, [sleepers = sleepers_] { sleepers->wake_one(); });
+        walks_.push_back(std::make_unique<Walk>(static_cast<int>(n), task_.walks[n], std::move(budget)));
     }
 }
 
@@ -81,7 +80,13 @@ void SplatFrame::deliver(std::size_t region, Arrival arrival) {
     bells_.owners[owner_of(region)]->ring();
 }
 
-bool SplatFrame::proceed(int owner) { return !stopped_ && (splat(owner) || !wait(owner) || walk(owner)); }
+bool SplatFrame::proceed(int owner) {
+    sleepers_->get_up(owner);
+    if (stopped_) return false;
+    if (splat(owner) || !wait(owner) || walk(owner)) return true;
+    sleepers_->lie_down(owner);
+    return walks_are_free();  // since it was looked
+}
 
 // A portion of each of its regions.
 bool SplatFrame::splat(int owner) {
@@ -120,16 +125,36 @@ void SplatFrame::publish(Region& region, int owner) {
     else tell_if_all_wait();
 }
 
+bool SplatFrame::walks_are_free() const {
+    return std::any_of(walks_.begin(), walks_.end(), [](const auto& walk) { return walk->free(); });
+}
+
+// That which is the furthest behind, since all regions wait for it; none if no walk is free.
+SplatFrame::Walk* SplatFrame::take_walk() {
+    while (true) {
+        Walk* last = nullptr;
+        for (const auto& walk : walks_)
+            if (walk->free() && (!last || walk->reached.load() < last->reached.load())) last = walk.get();
+        if (!last || !last->taken.exchange(true)) return last;
+    }
+}
+
 bool SplatFrame::walk(int owner) {
-    if (owner >= static_cast<int>(walks_.size())) return false;
-    Walk& walk = walks_[owner];
-    if (walk.ended || !walk.budget->open()) return false;
+    Walk* const walk = take_walk();
+    if (!walk) return false;
     Step step;
     {
         const Stopwatch watch(records_[owner], kWalking);
-        step = walk.source->next();
+        step = walk->source->next();
     }
-    walk.ended = step.last;
+    const bool last = step.last;
+    push_step(*walk, std::move(step));
+    walk->taken = last;
+    if (walk->free()) sleepers_->wake_one();
+    return true;
+}
+
+void SplatFrame::push_step(Walk& walk, Step step) {
     std::vector<PartView> parts;
     std::int64_t packets = 0, bytes = 0;
     for (const BatchPart& part : step.parts) {
@@ -141,15 +166,15 @@ bool SplatFrame::walk(int owner) {
     }
     Walked& sum = walk.walked;
     sum = {sum.steps + 1, sum.voxels + step.voxels_visited, sum.packets + packets, sum.bytes + bytes};
+    walk.reached = Place{static_cast<std::uint32_t>(step.reached_row), static_cast<std::uint32_t>(step.reached_sheet)};
     const auto memory = std::make_shared<HeldMemory>(std::move(step.memory), walk.budget, bytes);
-    push(owner, parts, step.reached_sheet, step.reached_row, step.last, memory);
-    return true;
+    push(walk.number, parts, step.reached_sheet, step.reached_row, step.last, memory);
 }
 
 Walked SplatFrame::walked() const {
     Walked sum;
-    for (const Walk& walk : walks_) {
-        const Walked& one = walk.walked;
+    for (const auto& walk : walks_) {
+        const Walked& one = walk->walked;
         sum = {sum.steps + one.steps, sum.voxels + one.voxels, sum.packets + one.packets, sum.bytes + one.bytes};
     }
     return sum;

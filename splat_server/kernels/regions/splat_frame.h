@@ -1,11 +1,12 @@
 // One frame of an image: its regions, and the sources whose packets they are splatted from.
 //
-// Sources are map/shade servers' walkers, whose batches any thread pushes, or walks of this process, one for each
-// owner, who walks whenever nothing is decided in its regions. What is buffered of a source is bounded, and that cannot
-// deadlock: a batch has reached the same place of the traversal for all regions, so that of the source that is the
-// furthest behind all that is buffered is decided everywhere, will be splatted without anything more being read, and
-// opens its budget again. Only sources that share a budget, the walkers of one server, may close it to one another: if
-// all regions wait, whoever is awaited must be read, whatever is buffered.
+// Sources are map/shade servers' walkers, whose batches any thread pushes, or walks of this process: an owner in whose
+// regions nothing is decided takes a step of the walk that is the furthest behind. So those whose regions or cores are
+// slow walk less. What is buffered of a source is bounded, and that cannot deadlock: a batch has reached the same place
+// of the traversal for all regions, so that of the source that is the furthest behind all that is buffered is decided
+// everywhere, will be splatted without anything more being read, and opens its budget again. Only sources that share a
+// budget, the walkers of one server, may close it to one another: if all regions wait, whoever is awaited must be read,
+// whatever is buffered.
 #pragma once
 
 #include <array>
@@ -21,6 +22,7 @@
 #include "kernels/batch_source.h"
 #include "read_budget.h"
 #include "region.h"
+#include "sleepers.h"
 #include "source_rules.h"
 
 namespace volsplat {
@@ -91,6 +93,7 @@ public:
     void let_go();
 
 private:
+    struct Walk;
     struct Source {
         Source(const FrameCounts& counts, std::size_t regions) : rules(counts, regions) {}
         std::mutex mutex;  // its batches, and its end, come one after the other
@@ -103,6 +106,9 @@ private:
     bool splat(int owner);
     bool wait(int owner);
     bool walk(int owner);
+    bool walks_are_free() const;
+    Walk* take_walk();
+    void push_step(Walk& walk, Step step);
     void publish(Region& region, int owner);
     void tell_if_all_wait();
     void tell_progress();
@@ -116,12 +122,19 @@ private:
     PixelBlock block_;
     std::vector<std::unique_ptr<Source>> sources_;
     struct Walk {
-        BatchSource* source;
-        std::shared_ptr<ReadBudget> budget;
-        bool ended = false;
-        Walked walked{};
+        Walk(int number_, BatchSource* source_, std::shared_ptr<ReadBudget> budget_)
+            : number(number_), source(source_), budget(std::move(budget_)) {}
+        bool free() const { return !taken && budget->open(); }
+
+        const int number;  // as a source
+        BatchSource* const source;
+        const std::shared_ptr<ReadBudget> budget;
+        std::atomic<bool> taken{false};  // by an owner; for good once it has ended
+        std::atomic<Place> reached{Place{0, 0}};
+        Walked walked{};  // its taker's
     };
-    std::vector<Walk> walks_;
+    const std::shared_ptr<Sleepers> sleepers_;  // who would walk
+    std::vector<std::unique_ptr<Walk>> walks_;
     std::vector<OwnerRecord> records_;
     std::atomic<int> unfinished_;  // regions
     std::atomic<int> waiting_{0};  // of them
