@@ -33,6 +33,7 @@ from volsplat.client.ui.viewing.saving import (
     check_link_is_of,
     scene_from_link,
 )
+from volsplat.client.ui.viewport.early_picture import EARLY_PATH, early_image
 from volsplat.client.ui.viewport.viewport_link import serve_viewport, turn_away
 from volsplat.protocol.text.errors import BadInput
 
@@ -109,6 +110,7 @@ class Application:
         application = FastAPI(lifespan=self._lifespan, openapi_url=None, docs_url=None, redoc_url=None)
         application.mount(STATIC_PATH, StaticFiles(directory=STATIC))
         application.add_api_websocket_route("/viewport", self._viewport)
+        application.add_api_route(EARLY_PATH, self._early_picture, include_in_schema=False, response_model=None)
         for path in (WAITING_PATH, ALIVE_PATH):
             application.add_api_route(path, _nothing_to_say, include_in_schema=False)
         ui.page("/")(self._page)
@@ -176,6 +178,12 @@ class Application:
             return
         async with self._pages.one_more():
             await serve_viewport(viewing, socket, tab)
+
+    async def _early_picture(self) -> Response:
+        """Nothing where there is none yet: the viewport shows one later."""
+        viewing = self._shown.viewing
+        image = None if viewing is None else await early_image(viewing)
+        return await _nothing_to_say() if image is None else Response(image, media_type="image/jpeg")
 
     def _page(self, request: Request) -> Response | None:
         """The page. A link to a scene puts that in force and leads to the page without it, which may be loaded anew."""

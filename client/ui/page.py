@@ -22,6 +22,7 @@ from volsplat.client.ui.panels.volume_information import volume_information
 from volsplat.client.ui.tables.tables_panel import tables_panel
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.ui.viewport.early_picture import early_picture
 from volsplat.client.ui.viewport.viewport_element import viewport_element
 
 
@@ -32,6 +33,7 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
     """
     description = viewing.volume.description
     page_frame(description.name)
+    early_picture()
     with ui.element("div").classes("vs-page"):  # within NiceGUI's main
         skip_links()
         with ui.element("header").classes("vs-head").props("role=banner"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,6 +49,30 @@ def test_the_page_shows_the_volume_and_every_part_of_the_scene(page: Page) -> No
     assert canvas(page)[..., :3].any()
     for words in ("Emitted", "Reflected", "Opacity", "Modulation", "Shading", "View", "Bounds"):
         assert page.get_by_text(words, exact=True).first.is_visible()
+
+
+def test_a_picture_of_the_scene_comes_before_any_script_and_the_viewport_takes_it_over(
+    view: Viewed, browser_page: Page
+) -> None:
+    from playwright.sync_api import expect
+
+    browser_page.route(re.compile(r"\.m?js"), lambda route: route.abort())
+    browser_page.goto(view.url)
+    image = browser_page.locator(".vs-early img")
+    browser_page.wait_for_function(
+        "() => { const i = document.querySelector('.vs-early img'); return i?.complete && i.naturalWidth > 0; }"
+    )
+    shown = PillowImage.open(io.BytesIO(image.screenshot())).convert("L")
+    assert max(shown.tobytes()) > 50, "it is black"
+    assert browser_page.locator(".vs-view").count() == 0
+    where = image.bounding_box()
+
+    browser_page.unroute_all()
+    opened(browser_page, view.url)
+    expect(image).to_have_count(0)
+    there = browser_page.locator(".vs-view canvas").first.bounding_box()
+    assert where is not None and there is not None
+    assert all(abs(where[side] - there[side]) <= 8 for side in ("x", "y", "width", "height"))
 
 
 def test_dragging_turns_the_volume_and_nothing_stale_is_shown(page: Page) -> None:

@@ -77,6 +77,11 @@ class DrawingLoop:
         """Whether a picture is on its way."""
         return self._drawing
 
+    @property
+    def shown(self) -> Picture | None:
+        """The newest whose step is finished."""
+        return self._shown
+
     @contextmanager
     def between_pictures(self) -> Iterator[None]:
         """Others may draw with the session within; entered once the scene is settled and drawn to the end.

@@ -15,6 +15,7 @@ from volsplat.protocol.description.scene import Colour
 
 JPEG_QUALITY = 85
 ENLARGED_JPEG_QUALITY = 95  # of what is shown larger, blocks and all
+LARGEST_PREVIEW = 768  # pixels a side
 PNG_EFFORT = 1  # 0 to 9; more costs time and hardly saves bytes
 
 
@@ -28,6 +29,15 @@ def encoded(image: PublishedImage, background: Colour, *, lossless: bool, enlarg
         picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
         quality = ENLARGED_JPEG_QUALITY if enlarged else JPEG_QUALITY
         picture.save(out, "JPEG", quality=quality, subsampling=0)
+    return out.getvalue()
+
+
+def preview(image: PublishedImage, background: Colour) -> bytes:
+    """A JPEG of it, scaled down to what a page can hold beside all else."""
+    size, out = (image.width, image.height), io.BytesIO()
+    picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
+    picture.thumbnail((LARGEST_PREVIEW, LARGEST_PREVIEW))
+    picture.save(out, "JPEG", quality=JPEG_QUALITY)
     return out.getvalue()
 
 

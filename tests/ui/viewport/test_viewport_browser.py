@@ -65,7 +65,7 @@ def front_to_physical() -> matrices.Matrix:
     return matrices.transposed(matrices.rotation_from_quaternion(VIEW["rotation"]))
 
 
-def test_a_drag_says_one_view_a_frame(shown: ShownViewport) -> None:
+def test_a_drag_says_the_first_and_the_newest_view_of_many_moves_and_none_twice(shown: ShownViewport) -> None:
     shown.page.mouse.move(320, 240)
     shown.page.mouse.down()
     shown.page.evaluate(
@@ -73,7 +73,8 @@ def test_a_drag_says_one_view_a_frame(shown: ShownViewport) -> None:
             const canvas = document.querySelector("canvas");
             for (let n = 1; n <= 20; n++) {
                 const move = { pointerId: 1, clientX: 320 + 5 * n, clientY: 240, isPrimary: true, bubbles: true };
-                canvas.dispatchEvent(new PointerEvent("pointermove", move));
+                for (const kind of ["pointerrawupdate", "pointermove"])
+                    canvas.dispatchEvent(new PointerEvent(kind, move));
             }
         }"""
     )

@@ -9,6 +9,7 @@ const CLICK = 3; // CSS pixels: what moves less is a click
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST = 200; // wheel pixels that count at once
 const LINE = 33; // wheel pixels of a line, if a browser counts in lines
+const SOONEST = "onpointerrawupdate" in window ? "pointerrawupdate" : null; // in Chromium
 const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
 
 /** @typedef {import("./camera.js").Point} Point */
@@ -20,13 +21,15 @@ export class Gestures {
   #fingers = /** @type {Map<number, Point>} */ (new Map());
   #began = /** @type {{kind: string, view: View, from: Point[], at: Point} | null} */ (null);
   #moved = false;
+  #following = /** @type {AbortController | null} */ (null); // moves that come before their animation frame
+  #heardSoon = false; // and that they do come: then the others tell nothing new
 
   /** @param {Viewport} viewport */
   constructor(viewport) {
     this.#viewport = viewport;
     const element = viewport.canvas;
     element.addEventListener("pointerdown", (event) => this.#down(event));
-    element.addEventListener("pointermove", (event) => this.#move(event));
+    element.addEventListener("pointermove", (event) => this.#move(event, "pointermove"));
     element.addEventListener("pointerup", (event) => this.#up(event, true));
     element.addEventListener("pointercancel", (event) => this.#up(event, false));
     element.addEventListener("mousedown", (event) => event.preventDefault()); // no scrolling by the middle button
@@ -44,6 +47,7 @@ export class Gestures {
     const more = this.#fingers.size > 1;
     this.#begin(more ? "pinch" : kindOf(event), [event.clientX, event.clientY]);
     this.#moved ||= more;
+    this.#follow(event.currentTarget);
   }
 
   #begin(kind, at) {
@@ -52,11 +56,22 @@ export class Gestures {
     this.#viewport.steering.hold();
   }
 
-  #move(event) {
+  /** Hear of moves as soon as they are made, where a browser tells; others wait for their next animation frame. */
+  #follow(element) {
+    if (!SOONEST || this.#following) return;
+    this.#following = new AbortController();
+    this.#heardSoon = false;
+    const { signal } = this.#following;
+    element.addEventListener("pointerrawupdate", (event) => this.#move(event, SOONEST), { signal });
+  }
+
+  #move(event, kind) {
     if (!this.#fingers.has(event.pointerId)) {
-      this.#viewport.hover(event);
+      if (kind === "pointermove") this.#viewport.hover(event);
       return;
     }
+    if (kind === SOONEST) this.#heardSoon = true;
+    else if (this.#heardSoon) return;
     const [x, y] = this.#began.at;
     this.#moved ||= Math.hypot(event.clientX - x, event.clientY - y) >= CLICK;
     if (!this.#moved) return;
@@ -79,6 +94,9 @@ export class Gestures {
       this.#begin("turn", [event.clientX, event.clientY]);
       return;
     }
+    this.#following?.abort();
+    this.#following = null;
+    this.#heardSoon = false;
     const clicked = byPerson && !this.#moved;
     if (clicked) this.#viewport.steering.abandon();
     else this.#viewport.steering.release(event.timeStamp);

@@ -1,6 +1,7 @@
-// What a viewport says of its person's doings: at most one message of a kind in one animation frame, the newest.
+// What a viewport says of its person's doings: at once, but no more than one message of a kind in some milliseconds, the newest.
 
 const MOST_REMEMBERED = 4096;
+const APART = 14; // milliseconds: pictures cannot follow more closely. Animation frames would have the browser draw each
 
 /** @typedef {import("./viewport_messages.d.ts").ViewTurned} ViewTurned */
 /** @typedef {import("./viewport_messages.d.ts").BoundsMoved} BoundsMoved */
@@ -11,7 +12,7 @@ export class Outbox {
   #send;
   #waiting = new Map();
   #newest = /** @type {Map<string, Counted>} */ (new Map()); // of each kind
-  #frame = 0;
+  #pause = 0; // the timer at whose end the next may go
 
   /** @param {(message: Counted) => void} send */
   constructor(send) {
@@ -29,7 +30,7 @@ export class Outbox {
     const counted = { ...message, event: this.event };
     this.#newest.set(message.type, counted);
     this.#waiting.set(message.type, counted);
-    if (this.#frame === 0) this.#flush();
+    if (this.#pause === 0) this.#flush();
   }
 
   /** Say anew what the person did after an event, since it may have been lost. @param {number} event */
@@ -38,16 +39,16 @@ export class Outbox {
   }
 
   close() {
-    cancelAnimationFrame(this.#frame);
+    clearTimeout(this.#pause);
   }
 
   #flush() {
     for (const message of this.#waiting.values()) this.#send(message);
     this.#waiting.clear();
-    this.#frame = requestAnimationFrame(() => {
-      this.#frame = 0;
+    this.#pause = setTimeout(() => {
+      this.#pause = 0;
       if (this.#waiting.size > 0) this.#flush();
-    });
+    }, APART);
   }
 }
 

@@ -21,6 +21,13 @@ export class PictureCanvas {
     this.tell = tell;
   }
 
+  /** Until a picture has come, show this one. @param {HTMLImageElement} image */
+  begin(image) {
+    this.canvas.width = image.naturalWidth;
+    this.canvas.height = image.naturalHeight;
+    this.#context.drawImage(image, 0, 0);
+  }
+
   /** Numbers may begin anew. */
   reconnected() {
     this.#connection += 1;

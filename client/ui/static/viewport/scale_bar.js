@@ -34,6 +34,7 @@ class ScaleBar {
   #bar = document.createElement("div");
   #text = document.createElement("span");
   #scale;
+  #zoom = 0; // that is drawn
 
   /** @param {Scale} scale */
   constructor(scale) {
@@ -46,6 +47,8 @@ class ScaleBar {
 
   /** @param {number} perLength CSS pixels of the volume's physical unit */
   draw(perLength) {
+    if (perLength === this.#zoom) return; // a text that is set lays out the page, even if it is the same
+    this.#zoom = perLength;
     const perUnit = perLength * this.#scale.length;
     const length = roundLength(LONGEST / perUnit);
     const unit = this.#scale.unit === "voxels" && length === 1 ? "voxel" : this.#scale.unit;

@@ -73,11 +73,11 @@ export class Viewport {
   /**
    * @param {HTMLElement} host filled by the viewport
    * @param {Transport} transport
-   * @param {{home?: Quaternion, wholePage?: boolean, makeSlices?: (listener: SlicesListener) => Slices}} options `home`:
+   * @param {{home?: Quaternion, wholePage?: boolean, early?: HTMLImageElement | null, makeSlices?: (listener: SlicesListener) => Slices}} options `home`:
    *   the rotation that reset goes to; `wholePage`: keys are for the viewport wherever on the page nothing else wants
-   *   them; `makeSlices`: gives the slices beside it
+   *   them; `early`: a picture until one has come; `makeSlices`: gives the slices beside it
    */
-  constructor(host, transport, { home = namedView("front"), wholePage = false, makeSlices = undefined } = {}) {
+  constructor(host, transport, { home = namedView("front"), wholePage = false, early = null, makeSlices = undefined } = {}) {
     this.#transport = transport;
     /**
      * Pictures that were drawn, newest last.
@@ -98,6 +98,7 @@ export class Viewport {
       (header) => this.#onDrawn(header),
       (text) => this.#trouble.ofProcess(text, false),
     );
+    if (early !== null) this.#pictures.begin(early);
     this.#help.className = "vs-help";
     this.#help.hidden = true;
     this.#help.append(keyList());
@@ -364,7 +365,7 @@ export class Viewport {
   /** @returns {Point} */
   #inElement(event) {
     // With a button held the element stays where it is; to ask would lay out the page, for every event of a drag.
-    if (event.type !== "pointermove" || event.buttons === 0) this.#corner = this.element.getBoundingClientRect();
+    if (event.type === "pointerdown" || event.buttons === 0) this.#corner = this.element.getBoundingClientRect();
     return [event.clientX - this.#corner.left, event.clientY - this.#corner.top];
   }
 

@@ -1,0 +1,46 @@
+"""The newest picture where the viewport will stand: an image of the page itself, seen before any script has run."""
+
+from __future__ import annotations
+
+import asyncio
+
+from nicegui import ui
+
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.picture_encoding import preview
+from volsplat.client.ui.viewing.viewing import Viewing
+
+EARLY_PATH = "/early"  # where the image is fetched
+PATIENCE = 5.0  # seconds that a browser waits for it
+
+
+def early_picture() -> None:
+    """Put it into the page that is being built; the viewport takes it over. It is fetched before the scripts are."""
+    url = EARLY_PATH.removeprefix("/")
+    ui.add_head_html(f'<link rel="preload" as="image" fetchpriority="high" href="{url}">')
+    ui.add_body_html(f'<div class="vs-early"><img alt="" src="{url}"></div>')
+
+
+async def early_image(viewing: Viewing) -> bytes | None:
+    """The newest finished picture as JPEG, the first as soon as it is there; None if that takes too long."""
+    try:
+        picture = viewing.loop.shown
+        if picture is None:
+            picture = await asyncio.wait_for(_next_finished(viewing), PATIENCE)
+    except TimeoutError:
+        return None
+    return await asyncio.to_thread(preview, picture.published, picture.state.scene.image.background)
+
+
+async def _next_finished(viewing: Viewing) -> Picture:
+    found: asyncio.Future[Picture] = asyncio.get_running_loop().create_future()
+
+    def look(picture: Picture) -> None:
+        if picture.complete and not found.done():
+            found.set_result(picture)
+
+    unsubscribe = viewing.on_picture(look)
+    try:
+        return await found
+    finally:
+        unsubscribe()
