@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.files.opened import read_whole
-from support.pages.browser import browser, browser_page
+from support.pages.browser import browser, browser_page, patient_context
+from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, drag, opened
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, phantom, view, volume
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Locator, Page
+    from playwright.sync_api import Browser, Locator, Page
 
 __all__ = ["browser", "browser_page", "phantom", "view", "volume"]
 
@@ -27,12 +28,15 @@ PIXELS = """(slice) => {
 
 @pytest.fixture
 def page(view: Viewed, browser_page: Page) -> Page:
-    """With the slices shown."""
-    opened(browser_page, view.url)
-    browser_page.get_by_role("button", name="three slices").click()
+    return with_slices(browser_page, view.url)
+
+
+def with_slices(page: Page, url: str) -> Page:
+    opened(page, url)
+    page.get_by_role("button", name="three slices").click()
     for name in "ijk":
-        shown(browser_page, name)
-    return browser_page
+        shown(page, name)
+    return page
 
 
 def slice_across(page: Page, name: str) -> Locator:
@@ -95,6 +99,54 @@ def test_a_slice_is_zoomed_about_the_pointer_moved_and_reset_and_the_cross_hair_
     page.keyboard.press("0")
     assert across.get_attribute("data-zoom") == "1.000"
     assert page.evaluate("() => window.volsplatViewport.sent.length") == sent, "the picture's view is left alone"
+
+
+def test_one_finger_moves_the_other_slices_and_two_zoom_and_move_what_lies_between_them(
+    browser: Browser, view: Viewed
+) -> None:
+    with patient_context(browser, has_touch=True) as context:
+        page = with_slices(context.new_page(), view.url)
+        across, touch, sent = slice_across(page, "k"), fingers_on(page), "() => window.volsplatViewport.sent.length"
+        place, said = box(across), page.evaluate(sent)
+        x, y = round(place["x"] + 0.4 * place["width"]), round(place["y"] + 0.6 * place["height"])
+
+        def tapped(at_x: float, at_y: float) -> list[int]:
+            touch("touchStart", (at_x, at_y))
+            touch("touchEnd")
+            return [index_of(page, name) for name in "ijk"]
+
+        middle = [index_of(page, name) for name in "ijk"]
+        there = tapped(x, y)
+        assert there[0] != middle[0] and there[1] != middle[1] and there[2] == middle[2]
+        pinch(touch, ((x - 10, y), (x + 10, y)), ((x - 20, y), (x + 20, y)), ((x - 10, y + 9), (x + 50, y + 9)))
+        assert across.get_attribute("data-zoom") == "3.000"
+        assert [index_of(page, name) for name in "ijk"] == there, "the first of two fingers moves nothing"
+        assert tapped(x + 20, y + 9) == there, "what lay between the fingers came along"
+        for name in "ijk":
+            shown(page, name)
+
+        touch("touchStart", (x, y))
+        touch("touchStart", (x, y), (x + 40, y))
+        touch("touchEnd", (x + 40, y), first=1)
+        touch("touchMove", (x - 80, y))
+        touch("touchEnd")
+        assert across.get_attribute("data-zoom") == "3.000"
+        assert tapped(x - 60, y + 9) == there, "one finger that is left moves what is enlarged"
+        assert page.evaluate(sent) == said, "the picture's view is left alone"
+
+
+def test_fingers_measure_on_a_slice_where_they_tap_but_not_where_they_pinch(browser: Browser, view: Viewed) -> None:
+    with patient_context(browser, has_touch=True) as context:
+        page = with_slices(context.new_page(), view.url)
+        across, touch = slice_across(page, "k"), fingers_on(page)
+        place, points = box(across), across.locator(".vs-measured-lines circle")
+        x, y = round(place["x"] + place["width"] / 2), round(place["y"] + place["height"] / 2)
+        page.keyboard.press("m")
+        pinch(touch, ((x - 10, y), (x + 10, y)), ((x - 15, y), (x + 15, y)))
+        assert points.count() == 0 and across.get_attribute("data-zoom") == "1.500"
+        touch("touchStart", (x, y))
+        touch("touchEnd")
+        until(page, lambda: points.count() == 1)
 
 
 def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> None:

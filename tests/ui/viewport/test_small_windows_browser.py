@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.pages.browser import browser, browser_page, patient_context
+from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, opened
 from support.pages.viewed import Viewed, phantom, view, volume
 
@@ -86,11 +87,7 @@ def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(
 def test_fingers_turn_and_zoom_beside_an_open_drawer(browser: Browser, view: Viewed) -> None:
     with small_page(browser, view, TELEPHONE) as page:
         page.get_by_role("button", name="scene", exact=True).tap()
-        fingers = page.context.new_cdp_session(page)
-
-        def touch(kind: str, *points: tuple[float, float]) -> None:
-            told = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(points)]
-            fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": told})
+        touch = fingers_on(page)
 
         def seen() -> dict[str, object]:
             found: dict[str, object] = page.evaluate("() => window.volsplatViewport.view")
@@ -103,10 +100,7 @@ def test_fingers_turn_and_zoom_beside_an_open_drawer(browser: Browser, view: Vie
             touch("touchEnd")
 
         def spread() -> None:
-            touch("touchStart", (170, 250))
-            touch("touchStart", (170, 250), (220, 250))
-            touch("touchMove", (140, 250), (250, 250))
-            touch("touchEnd")
+            pinch(touch, ((170, 250), (220, 250)), ((140, 250), (250, 250)))
 
         first = seen()
         after(page, turn)

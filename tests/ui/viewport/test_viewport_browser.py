@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from support.pages.browser import browser, browser_page, patient_context, serving
+from support.pages.fingers import fingers_on, pinch
 from support.pages.viewport_process import FIT, SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess
 from tolerances import CAMERA_PIXELS, ROUNDING
 from volsplat.protocol.description.view_rotation import named_view
@@ -288,12 +289,7 @@ def test_one_finger_turns_and_two_zoom(browser: Browser) -> None:
     process = ViewportProcess()
     with serving(process.application) as url, patient_context(browser, has_touch=True) as context:
         shown = ShownViewport(context.new_page(), process, url)
-        fingers = context.new_cdp_session(shown.page)
-
-        def touch(kind: str, *points: tuple[float, float]) -> None:
-            told = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(points)]
-            fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": told})
-
+        touch = fingers_on(shown.page)
         touch("touchStart", (320, 240))
         touch("touchMove", (360, 240))
         touch("touchMove", (400, 240))
@@ -303,11 +299,7 @@ def test_one_finger_turns_and_two_zoom(browser: Browser) -> None:
         assert on_screen(turned, (0.0, -1.0, 0.0))[0] > 0.25
 
         process.forget()
-        touch("touchStart", (300, 240))
-        touch("touchStart", (300, 240), (340, 240))
-        touch("touchMove", (280, 240), (360, 240))
-        touch("touchMove", (260, 240), (380, 240))
-        touch("touchEnd")
+        pinch(touch, ((300, 240), (340, 240)), ((280, 240), (360, 240)), ((260, 240), (380, 240)))
         pinched = process.wait_for_settled()
         assert pinched["zoom"] == pytest.approx(3 * VIEW["zoom"], rel=ROUNDING)
         assert_same_rotation(pinched, turned)

@@ -2,6 +2,7 @@
 // as well, whose value is the slice that it shows.
 
 import { svg } from "../viewport/svg.js";
+import { SliceGestures } from "./slice_gestures.js";
 
 const MARGIN = 14; // CSS pixels about the grid, for the letters
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
@@ -44,7 +45,6 @@ export class SliceView {
   #size = { width: 0, height: 0 }; // of the element, CSS pixels
   #zoom = 1; // times larger than all of the grid fits
   #shift = /** @type {Point} */ ([0, 0]); // of what is in the middle, from the grid's middle, in physical units
-  #panning = /** @type {Point | null} */ (null); // where the pointer was last
   #turned = 0; // wheel pixels that have not made a slice yet
   #observer = new ResizeObserver(() => this.#place());
 
@@ -96,6 +96,11 @@ export class SliceView {
     this.#draw();
   }
 
+  /** The voxel that all slices go through. @returns {Vector} */
+  get point() {
+    return this.#point;
+  }
+
   /** @param {Vector} point the voxel that all slices go through */
   set point(point) {
     this.#point = point;
@@ -134,26 +139,7 @@ export class SliceView {
 
   #listen() {
     const { element } = this;
-    element.addEventListener("mousedown", (event) => event.button === 1 && event.preventDefault()); // which would scroll
-    element.addEventListener("pointerdown", (event) => {
-      if (event.button === 1 || (event.button === 0 && event.shiftKey)) return this.#beginPan(event);
-      if (event.button !== 0) return;
-      element.setPointerCapture(event.pointerId);
-      this.#listener.hover(null);
-      if (this.#listener.measuring.on) this.#listener.measuring.add(this.#placeAt(event));
-      else this.#listener.go(this.#indexAt(event));
-    });
-    element.addEventListener("pointermove", (event) => {
-      if (this.#panning !== null) return this.#pan(event);
-      const held = element.hasPointerCapture(event.pointerId);
-      if (held && this.#listener.measuring.on) return;
-      if (held) this.#listener.go(this.#indexAt(event));
-      else this.#listener.hover(this.#isInside(event) ? this.#indexAt(event) : null);
-    });
-    element.addEventListener("pointerleave", () => this.#listener.hover(null));
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
-      element.addEventListener(end, () => (this.#panning = null));
-    }
+    new SliceGestures(this, this.#listener);
     element.addEventListener("dblclick", () => this.#listener.measuring.on || this.#look(1, [0, 0]));
     element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     element.addEventListener("keydown", (event) => this.#key(event));
@@ -165,7 +151,7 @@ export class SliceView {
     const pixels = event.deltaY * unit;
     if (event.ctrlKey || event.metaKey) {
       const zoomed = pixels * (Math.abs(pixels) < NOTCH ? PINCH : 1);
-      return this.#zoomAt(this.#inView(event), 2 ** (-zoomed / HALF_ZOOM));
+      return this.move(this.at(event), this.at(event), 2 ** (-zoomed / HALF_ZOOM));
     }
     this.#turned -= pixels;
     const slices = Math.trunc(this.#turned / NOTCH);
@@ -182,33 +168,21 @@ export class SliceView {
     if (event.ctrlKey || event.altKey || event.metaKey || !known) return;
     event.preventDefault();
     event.stopPropagation(); // the viewport's own keys do not hear of it
+    const crossing = this.inElement(this.#point);
     if (event.key === "0") this.#look(1, [0, 0]);
-    else if (Object.hasOwn(zooms, event.key)) this.#zoomAt(this.inElement(this.#point), zooms[event.key]);
+    else if (Object.hasOwn(zooms, event.key)) this.move(crossing, crossing, zooms[event.key]);
     else this.#step(steps[event.key]);
   }
 
   // -- zooming and moving
 
-  /** What lies at a place of the element stays there. @param {Point} at @param {number} factor */
-  #zoomAt(at, factor) {
+  /** What lies at one place of the element comes to another, and is so many times larger. @param {Point} from @param {Point} to @param {number} factor */
+  move(from, to, factor = 1) {
     const zoom = Math.min(Math.max(this.#zoom * factor, 1), MOST_ZOOM);
-    const [x, y] = this.#toPlane(at);
+    const [[x, y], [toX, toY]] = [this.#toPlane(from), this.#toPlane(to)];
     const [middle, kept] = [this.#frame, this.#zoom / zoom];
-    const [right, up] = [x + (middle.x - x) * kept, y + (middle.y - y) * kept];
+    const [right, up] = [x + (middle.x - toX) * kept, y + (middle.y - toY) * kept];
     this.#look(zoom, [right - middle.x + this.#shift[0], up - middle.y + this.#shift[1]]);
-  }
-
-  #beginPan(event) {
-    event.preventDefault();
-    this.element.setPointerCapture(event.pointerId);
-    this.#listener.hover(null);
-    this.#panning = this.#inView(event);
-  }
-
-  #pan(event) {
-    const [from, to] = [this.#panning, this.#inView(event)].map((at) => this.#toPlane(at));
-    this.#panning = this.#inView(event);
-    this.#look(this.#zoom, [this.#shift[0] + from[0] - to[0], this.#shift[1] + from[1] - to[1]]);
   }
 
   /** The grid covers the middle, and where it is not enlarged it stays in the middle. @param {number} zoom @param {Point} shift */
@@ -226,8 +200,8 @@ export class SliceView {
     this.#listener.zoomed();
   }
 
-  /** @param {MouseEvent} event @returns {Point} */
-  #inView(event) {
+  /** Where an event is in the element. @param {MouseEvent} event @returns {Point} */
+  at(event) {
     const { left, top } = this.element.getBoundingClientRect();
     return [event.clientX - left, event.clientY - top];
   }
@@ -236,21 +210,17 @@ export class SliceView {
     if (slices !== 0) this.#listener.go(this.#within(this.#point.map((n, axis) => (axis === this.#layout.axis ? n + slices : n))));
   }
 
-  /** The voxel under an event. @returns {Vector} */
-  #indexAt(event) {
-    return /** @type {Vector} */ (this.#placeAt(event).map(Math.round));
-  }
-
-  /** The place in the grid, which may lie between voxels. @returns {Vector} */
-  #placeAt(event) {
+  /** The place in the grid under an event, which may lie between voxels. @param {MouseEvent} event @returns {Vector} */
+  placeAt(event) {
     const found = [...this.#point];
-    const along = this.#layout.indexAt(this.#toPlane(this.#inView(event)));
+    const along = this.#layout.indexAt(this.#toPlane(this.at(event)));
     this.#layout.sides.forEach((side, n) => (found[side] = along[n]));
     return this.#within(found);
   }
 
-  #isInside(event) {
-    const along = this.#layout.indexAt(this.#toPlane(this.#inView(event)));
+  /** Whether an event is over the slice. @param {MouseEvent} event */
+  isInside(event) {
+    const along = this.#layout.indexAt(this.#toPlane(this.at(event)));
     return along.every((n, side) => n >= -0.5 && n < this.#layout.size[side] - 0.5);
   }
 

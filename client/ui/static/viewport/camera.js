@@ -115,9 +115,19 @@ export function zoomed(view, grid, size, at, factor) {
  * @param {View} view @param {Grid} grid @param {Size} size @param {Point[]} from @param {Point[]} to @returns {View}
  */
 export function pinched(view, grid, size, from, to) {
-  const middle = (/** @type {Point[]} */ [a, b]) => /** @type {Point} */ ([(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]);
-  const span = (/** @type {Point[]} */ [a, b]) => Math.max(1, Math.hypot(a[0] - b[0], a[1] - b[1]));
-  return zoomed(panned(view, grid, middle(from), middle(to)), grid, size, middle(to), span(to) / span(from));
+  return zoomed(panned(view, grid, middleOf(from), middleOf(to)), grid, size, middleOf(to), spanOf(to) / spanOf(from));
+}
+
+/** The middle between one or two fingers. @param {Point[]} fingers @returns {Point} */
+export function middleOf(fingers) {
+  const [a, b] = [fingers[0], fingers[fingers.length - 1]];
+  return [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+}
+
+/** How far apart they are, for one finger always the same. @param {Point[]} fingers */
+export function spanOf(fingers) {
+  const [a, b] = [fingers[0], fingers[fingers.length - 1]];
+  return Math.max(1, Math.hypot(a[0] - b[0], a[1] - b[1]));
 }
 
 /**
