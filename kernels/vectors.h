@@ -76,13 +76,13 @@ inline Lanes all_lanes(float value) {
     return lanes;
 }
 
-// Numbers of 16 bits as twice as wide ones.
+// Numbers of 16 bits as twice as wide ones, those below 0 as what wraps to them.
 typedef std::uint32_t EightWords32 __attribute__((vector_size(32)));
-inline EightWords32 eight_widened(const std::uint16_t* numbers) {
+inline EightWords32 eight_widened(const std::int16_t* numbers) {
 #if defined(__AVX2__)
-    return (EightWords32)_mm256_cvtepu16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers)));
+    return (EightWords32)_mm256_cvtepi16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers)));
 #else
-    typedef std::uint16_t EightHalves __attribute__((vector_size(16)));
+    typedef std::int16_t EightHalves __attribute__((vector_size(16)));
     return __builtin_convertvector(load<EightHalves>(numbers), EightWords32);
 #endif
 }

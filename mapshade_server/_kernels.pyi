@@ -198,6 +198,7 @@ class SlabWalk:
         visible: Array,
         look: tuple[Index, Sequence[Sequence[int]]],
         spread: tuple[Index, Sequence[Sequence[int]]],
+        overshoot: tuple[float, float],
         closed_tiles: Array | None,
         regions: Sequence[tuple[int, int]],
         walkers: int,

@@ -202,6 +202,10 @@ class KernelProjection:
     """P(rho) of a kernel. `parameter` is sigma for gaussian, alpha for kaiser-bessel, else unused."""
 
     def __init__(self, kernel: str, parameter: float, radius: float) -> None: ...
+    @staticmethod
+    def signed(coefficients: Sequence[float], radius: float) -> KernelProjection:
+        """(1 - q)^2 times the polynomial of q = (r / radius)^2, the constant coefficient first."""
+
     def at_square(self, rho_square: float) -> float: ...
 
 class Ellipse:

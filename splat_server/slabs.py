@@ -4,7 +4,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.protocol.description.patches import Patches
-from volsplat.protocol.description.scene import Field, Kernel
+from volsplat.protocol.description.scene import Field, Kernel, SlabKernel
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
@@ -13,6 +13,7 @@ from volsplat.protocol.rules.grid_on_screen import FIXED_ONE
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.light_blocks import DEPTH_UNIT, SKY, LightBlocks, light_step, to_blocks
 from volsplat.protocol.rules.shading_rule import ShadingRule
+from volsplat.protocol.rules.slab_kernels import COEFFICIENTS
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server import _kernels
 from volsplat.splat_server.footprint_table import kernel_projection
@@ -66,10 +67,13 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
 
 @lru_cache(maxsize=2)
 def slab_table(
-    kernel: Kernel, radius: float, amplitude: float, form: Matrix, half_extents: Vector, offset_bits: int
+    kernel: SlabKernel, radius: float, amplitude: float, form: Matrix, half_extents: Vector, offset_bits: int
 ) -> _kernels.SlabTable:
     """The table of a view. Raises BadInput where one kernel is larger than any image."""
-    projection = kernel_projection(kernel, radius)
+    if kernel in COEFFICIENTS:
+        projection = _kernels.KernelProjection.signed(COEFFICIENTS[kernel], radius)
+    else:
+        projection = kernel_projection(Kernel(kernel.value), radius)
     try:
         return _kernels.SlabTable(
             projection, amplitude, form, half_extents, offset_bits, wide=amplitude < LEAST_NARROW_GAIN

@@ -18,7 +18,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import Kernel, Reconstruction, Scene, Step
+from volsplat.protocol.description.scene import Reconstruction, Scene, SlabKernel, Step
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.text.errors import BadInput
 
@@ -92,10 +92,13 @@ class SideBySide:
 
 
 def _variants(usual: Reconstruction) -> Iterator[tuple[str, Reconstruction]]:
-    for kernel in Kernel:
+    for kernel in SlabKernel:
         if kernel != usual.slab_kernel:
             yield kernel, msgspec.structs.replace(usual, slab_kernel=kernel)
-    yield f"slab {usual.slab / 2:g}", msgspec.structs.replace(usual, slab=usual.slab / 2)
+    thin = msgspec.structs.replace(usual, slab=usual.slab / 2)
+    yield f"slab {thin.slab:g}", thin
+    best = SlabKernel.QUASI_INTERPOLATING
+    yield f"{best}, slab {thin.slab:g}", msgspec.structs.replace(thin, slab_kernel=best)
 
 
 def _with(reconstruction: Reconstruction, drawing: Drawing) -> Callable[[Scene], None]:

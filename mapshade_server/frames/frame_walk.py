@@ -15,6 +15,7 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import ShadingRule
+from volsplat.protocol.rules.slab_kernels import LEAST_KNOWN
 from volsplat.protocol.rules.slab_shape import SlabShape
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB of all walkers: few hand-overs, and the next stage still finds it in the cache
@@ -167,6 +168,7 @@ def _slab_walk(
         visible=shading_tables.visibility(shading_tables.opacity_rule(shading))[: TABLE_ENTRIES // 8],
         look=(slabs.looks.box, slabs.looks.shape),
         spread=(slabs.needs.box, slabs.needs.shape),
+        overshoot=(slabs.overshoot, slabs.overshoot / LEAST_KNOWN),
         closed_tiles=closed_tiles,
         regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
         walkers=walkers,

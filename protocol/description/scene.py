@@ -339,6 +339,17 @@ class Kernel(StrEnum):
     CONE = "cone"
 
 
+class SlabKernel(StrEnum):
+    """Those of step G, radially symmetric as well; see protocol/rules/slab_kernels.py."""
+
+    GAUSSIAN = "gaussian"
+    BSPLINE = "bspline"
+    KAISER_BESSEL = "kaiser-bessel"
+    CONE = "cone"
+    CRISP = "crisp"
+    QUASI_INTERPOLATING = "quasi-interpolating"
+
+
 class Reconstruction(Part, frozen=True):
     kernel: Annotated[Kernel, Key("The shape of the kernel of steps A to F.", Menu("kernel"))] = Kernel.GAUSSIAN
     radius: Annotated[
@@ -369,12 +380,12 @@ class Reconstruction(Part, frozen=True):
         ),
     ] = 1.0
     slab_kernel: Annotated[
-        Kernel,
+        SlabKernel,
         Key(
-            "The shape of the kernel of step G. What it adds up is divided by its weights, so that it may be narrow.",
+            "The shape of the kernel of step G. The last two have weights below 0 as well, and blur least.",
             Menu("slab kernel"),
         ),
-    ] = Kernel.KAISER_BESSEL
+    ] = SlabKernel.KAISER_BESSEL
 
 
 class Refine(Part, frozen=True):

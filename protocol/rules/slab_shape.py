@@ -13,7 +13,7 @@ import math
 
 import msgspec
 
-from volsplat.protocol.description.scene import Kernel, Reconstruction
+from volsplat.protocol.description.scene import Reconstruction, SlabKernel
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
@@ -21,6 +21,7 @@ from volsplat.protocol.rules.footprint_shape import GREATEST_COEFFICIENT, widene
 from volsplat.protocol.rules.grid_on_screen import Dda, GridOnScreen, dda
 from volsplat.protocol.rules.levels import point_at_level
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBPIXEL_BITS
+from volsplat.protocol.rules.slab_kernels import GREATEST_OVERSHOOT, OVERSHOOT, SLAB_RADIUS
 from volsplat.protocol.rules.slab_needs import Neighbourhood, surroundings
 
 MOST_PLANES = 1 << 20
@@ -28,9 +29,6 @@ LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to ei
 GREATEST_BASELINE = 256  # pixels
 GREATEST_NUMBER = 1e30  # that is computed with, squared at most
 OFFSETS_IN_A_VOXEL = 16
-# Where kernels are cut, in voxels. Narrower ones blur less, down to about 1.5; but the less even their sums, the more
-# waves of the voxels' own steps are left on what is smooth. Sums have room for 1.3 times the mean.
-SLAB_RADIUS = {Kernel.GAUSSIAN: 2.0, Kernel.BSPLINE: 1.75, Kernel.KAISER_BESSEL: 1.75, Kernel.CONE: 1.75}
 FINEST_OFFSET_BITS = 4
 
 
@@ -41,7 +39,7 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     planes: int
     thickness: float  # of a slab, in the volume's reference spacings
     depth: Dda  # of a grid point, in planes
-    kernel: Kernel
+    kernel: SlabKernel
     radius: float  # in voxels, the units of rho
     offset_bits: int  # the table of slices has 2^offset_bits offsets a pixel
     amplitude: float
@@ -50,6 +48,7 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     baseline: int  # pixels: gradients are differences over so many to either side
     looks: Neighbourhood  # of the voxel in whose cell a slab has its middle: what its densities can depend on
     needs: Neighbourhood  # and what its gradient can depend on as well
+    overshoot: float  # by which densities may leave those of the voxels around, as a share of what lies between these
     beyond: Index  # how many voxels outside of the bounds may be needed for what is drawn within
     grid: tuple[Vector, Vector, Vector, Vector]  # i, j, k of pixel (0, 0) on plane 0, and what each of x, y, d adds
     gradient: Matrix  # from differences per pixel right, pixel down and plane to those per unit along physical axes
@@ -75,6 +74,8 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"a kernel reaches 0 to {LONGEST_AXIS} voxels")
         if not 0 <= self.offset_bits <= FINEST_OFFSET_BITS:
             raise ValueError(f"a table of slices has 2^0 to 2^{FINEST_OFFSET_BITS} offsets a pixel")
+        if not 0 <= self.overshoot <= GREATEST_OVERSHOOT:
+            raise ValueError(f"densities overshoot by 0 to {GREATEST_OVERSHOOT:g}, not {self.overshoot}")
         Reconstruction(radius=self.radius)
 
     @property
@@ -129,6 +130,7 @@ def slab_shape(
         baseline=baseline,
         looks=around.looks,
         needs=around.needs,
+        overshoot=OVERSHOOT[reconstruction.slab_kernel],
         beyond=around.beyond,
         grid=(matrices.applied(to_grid, matrices.minus(front, grid.origin)), across, down, behind),
         gradient=_gradient(rotation, per_pixel, spacing),

@@ -47,6 +47,16 @@ std::function<double(double)> radial_kernel(const std::string& name, double para
     throw std::invalid_argument("no kernel is called '" + name + "'");
 }
 
+std::function<double(double)> polynomial_kernel(const std::vector<double>& coefficients, double radius) {
+    if (coefficients.empty()) throw std::invalid_argument("a kernel needs a coefficient");
+    return [=](double r) {
+        const double q = (r / radius) * (r / radius), edge = 1 - q;
+        double sum = 0;
+        for (auto one = coefficients.rbegin(); one != coefficients.rend(); ++one) sum = sum * q + *one;
+        return edge > 0 ? edge * edge * sum : 0.0;
+    };
+}
+
 double simpson(const std::function<double(double)>& f, double end, int intervals) {
     double sum = f(0.0) + f(end);
     for (int n = 1; n < intervals; ++n) sum += f(end * n / intervals) * (n % 2 ? 4 : 2);
@@ -55,9 +65,16 @@ double simpson(const std::function<double(double)>& f, double end, int intervals
 
 }  // namespace
 
-KernelProjection::KernelProjection(const std::string& kernel, double parameter, double radius) : radius_(radius) {
+KernelProjection::KernelProjection(const std::string& kernel, double parameter, double radius)
+    : KernelProjection(radial_kernel(kernel, parameter, radius), radius, false) {}
+
+KernelProjection::KernelProjection(const std::vector<double>& coefficients, double radius)
+    : KernelProjection(polynomial_kernel(coefficients, radius), radius, true) {}
+
+KernelProjection::KernelProjection(const std::function<double(double)>& kernel, double radius,
+                                   bool has_negative_weights)
+    : radius_(radius), has_negative_weights_(has_negative_weights), kernel_(kernel) {
     if (!(radius > 0) || !std::isfinite(radius)) throw std::invalid_argument("a kernel's radius must be above 0");
-    kernel_ = radial_kernel(kernel, parameter, radius);
     const auto& k = kernel_;
     over_space_ = simpson([&](double r) { return 4 * std::numbers::pi * r * r * k(r); }, radius, kRadialIntervals);
     over_half_chord_.resize(kChordIntervals + 3);

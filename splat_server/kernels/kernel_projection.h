@@ -13,8 +13,12 @@ public:
     // `parameter` is sigma in voxels for "gaussian" and alpha for "kaiser-bessel"; the others have none.
     // Throws std::invalid_argument for an unknown kernel or a radius that is not positive.
     KernelProjection(const std::string& kernel, double parameter, double radius);
+    // (1 - q)^2 times the polynomial of q with these coefficients, the constant one first; q = (r / radius)^2. It may
+    // be below 0, which `at_square` is not made for.
+    KernelProjection(const std::vector<double>& coefficients, double radius);
 
     double radius() const { return radius_; }
+    bool has_negative_weights() const { return has_negative_weights_; }
     // The kernel itself at a distance below the radius, scaled to integrate to 1 over space.
     double density(double rho) const { return kernel_(rho) / over_space_; }
     // P at rho^2 (voxels^2); 0 from the radius on.
@@ -24,10 +28,13 @@ public:
     std::vector<float> over_half_chord(double amplitude) const;
 
 private:
+    KernelProjection(const std::function<double(double)>& kernel, double radius, bool has_negative_weights);
+
     // P at Z = place / kChordIntervals * R.
     double at_place(double place) const;
 
     double radius_;
+    bool has_negative_weights_;
     std::function<double(double)> kernel_;
     double over_space_;  // its integral
     // P over Z = sqrt(R^2 - rho^2), in which it is smooth up to the rim, with one more entry on either side.

@@ -18,20 +18,26 @@ struct SumLayout;
 
 template <>
 struct SumLayout<std::uint32_t> {
-    typedef std::uint16_t Weight;
+    typedef std::int16_t Weight;
     typedef std::int32_t Signed;  // which instruction sets convert
     typedef float Quotient;
     static constexpr int kDensityBits = 20;
     static constexpr double kUnit = 3000;  // of weights: what those around a point sum to
+    // Of kernels with weights below 0, and what then makes sums positive: half of their room for weights, and a third
+    // of that for densities
+    static constexpr double kSignedUnit = 1200;
+    static constexpr std::uint32_t kSignedBias = std::uint32_t{1} << 31 | 340000;
 };
 
 template <>
 struct SumLayout<std::uint64_t> {
-    typedef std::uint32_t Weight;
+    typedef std::int32_t Weight;
     typedef std::int64_t Signed;
     typedef double Quotient;
     static constexpr int kDensityBits = 36;
     static constexpr double kUnit = 1 << 26;
+    static constexpr double kSignedUnit = 1 << 26;
+    static constexpr std::uint64_t kSignedBias = std::uint64_t{1} << 63 | std::uint64_t{3} << 33;
 };
 
 // Of what the weights around a point sum to: less is known only outside of the volume, and deep in no data.
@@ -51,6 +57,8 @@ struct SlabTableView {
     const void* slice_bits;          // [slice]: all bits of a sum; zeros around
     const std::int32_t *left, *top;  // [fx], [fy]: of the box, from a voxel's pixel
     const std::int32_t* front;       // [phase]: likewise, from the plane below its depth
+    std::uint64_t bias;              // what makes sums positive
+    std::int32_t least;              // sums of weights below it are as good as none
     int before;                      // planes before that below its depth which a voxel may reach
     int offset_bits, slices, rows, columns;
 };
@@ -65,8 +73,10 @@ struct SlabSums {
     int first_line, lines;  // of the image
     std::uint8_t* touched;  // [block][tile row][tile]
     int tile_rows, tiles;
-    int aside;        // pixels that gradients look to either side
-    bool any_closed;  // tiles of the image
+    int aside;           // pixels that gradients look to either side
+    bool any_closed;     // tiles of the image
+    std::uint64_t bias;  // see SlabTableView
+    std::int32_t least;
 };
 
 struct SlabRuns {  // of one group

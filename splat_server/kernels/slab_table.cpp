@@ -59,6 +59,7 @@ std::vector<double> over_square(const KernelProjection& kernel, double amplitude
 SlabTable::SlabTable(const KernelProjection& kernel, const Ellipsoid& ellipsoid, int offset_bits, bool wide)
     : offset_bits_(offset_bits),
       wide_(wide),
+      signed_(kernel.has_negative_weights()),
       columns_(most_places(checked(ellipsoid.half_extents[0]), offsets_of(offset_bits))),
       rows_(most_places(checked(ellipsoid.half_extents[1]), offsets_of(offset_bits))),
       slices_(most_places(checked(ellipsoid.half_extents[2]), kPhases)),
@@ -87,9 +88,10 @@ int SlabTable::planes() const {
 template <class Number>
 SlabTable::Slices<Number> SlabTable::slices_of(const KernelProjection& kernel, const Ellipsoid& ellipsoid) {
     typedef typename SumLayout<Number>::Weight Weight;
-    constexpr double kMost = std::numeric_limits<Weight>::max();
+    typedef std::numeric_limits<Weight> Limits;
+    constexpr double kLeast = Limits::min(), kMost = Limits::max();
     const int offsets = 1 << offset_bits_;
-    const std::vector<double> table = over_square(kernel, ellipsoid.amplitude * SumLayout<Number>::kUnit);
+    const std::vector<double> table = over_square(kernel, ellipsoid.amplitude * unit<Number>());
     const double to_interval = kIntervals / (kernel.radius() * kernel.radius());
     const auto& q = ellipsoid.form;
     std::vector<Weight> weights(static_cast<std::size_t>(kPhases) * offsets * offsets * slices_ * rows_ * columns_ +
@@ -112,7 +114,7 @@ SlabTable::Slices<Number> SlabTable::slices_of(const KernelProjection& kernel, c
                         if (!(place < kIntervals)) continue;
                         const int cell = static_cast<int>(place);
                         const double found = table[cell] + (place - cell) * (table[cell + 1] - table[cell]);
-                        *weight = static_cast<Weight>(std::min(found + 0.5, kMost));
+                        *weight = static_cast<Weight>(std::clamp(std::floor(found + 0.5), kLeast, kMost));
                         if (*weight != 0) span = {std::min(span.begin, x), std::max(span.end, x + 1)};
                     }
                 }
@@ -124,6 +126,11 @@ SlabTable::Slices<Number> SlabTable::slices_of(const KernelProjection& kernel, c
 }
 
 template <class Number>
+double SlabTable::unit() const {
+    return signed_ ? SumLayout<Number>::kSignedUnit : SumLayout<Number>::kUnit;
+}
+
+template <class Number>
 SlabTableView SlabTable::view_of(const Slices<Number>& found) const {
     return {found.weights.data() + kAround,
             spans_.data(),
@@ -131,6 +138,8 @@ SlabTableView SlabTable::view_of(const Slices<Number>& found) const {
             left_.data(),
             top_.data(),
             front_.data(),
+            signed_ ? SumLayout<Number>::kSignedBias : 0,
+            static_cast<std::int32_t>(kLeastKnown * unit<Number>()),
             before_,
             offset_bits_,
             slices_,

@@ -42,10 +42,12 @@ private:
     template <class Number>
     Slices<Number> slices_of(const KernelProjection& kernel, const Ellipsoid& ellipsoid);
     template <class Number>
+    double unit() const;
+    template <class Number>
     SlabTableView view_of(const Slices<Number>& found) const;
 
     const int offset_bits_;
-    const bool wide_;
+    const bool wide_, signed_;
     const int columns_, rows_, slices_;
     const std::vector<std::int32_t> left_, top_, front_;  // for each offset
     const int before_;                                    // planes before that below a voxel's depth which it may reach

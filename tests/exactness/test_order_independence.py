@@ -16,7 +16,16 @@ from support.scenes.phantoms import shaded_scene, shells
 from support.scenes.rendering import rendered
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL
 from volsplat.mapshade_server import _kernels as mapshade_kernels
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Scene, Step, View
+from volsplat.protocol.description.scene import (
+    TRAVERSAL_ORDERS,
+    Bounds,
+    Order,
+    Reconstruction,
+    Scene,
+    SlabKernel,
+    Step,
+    View,
+)
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
@@ -51,6 +60,7 @@ def restored_cpu_paths() -> Iterator[None]:
     threads=st.sampled_from((1, 2, 5)),
     walkers=st.sampled_from((1, 3)),
     shadows=st.sampled_from((0.0, 0.8)),
+    slab_kernel=st.sampled_from((SlabKernel.KAISER_BESSEL, SlabKernel.CRISP, SlabKernel.QUASI_INTERPOLATING)),
 )
 def test_image_is_the_same_for_any_partition_batches_arrival_regions_and_threads(
     seed: int,
@@ -67,12 +77,14 @@ def test_image_is_the_same_for_any_partition_batches_arrival_regions_and_threads
     threads: int,
     walkers: int,
     shadows: float,
+    slab_kernel: SlabKernel,
 ) -> None:
     random = Random(seed)
     geometry = Geometry(DIMS, matrix)
     scene = shaded_scene(View(rotation=rotation, zoom=zoom), (24, 30), order)
     light = msgspec.structs.replace(scene.light, shadows=shadows, occlusion=shadows)
-    scene = msgspec.structs.replace(scene, bounds=bounds, light=light)
+    reconstruction = Reconstruction(slab_kernel=slab_kernel)
+    scene = msgspec.structs.replace(scene, bounds=bounds, light=light, reconstruction=reconstruction)
     expected = rendered(VALUES, geometry, scene, step)
     holdings = handed_out(cut(geometry.box, random, cuts), workers, random)
     image = rendered(

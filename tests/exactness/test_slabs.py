@@ -20,11 +20,11 @@ from volsplat.protocol.description.scene import (
     Bounds,
     CrossBar,
     Field,
-    Kernel,
     Order,
     Reconstruction,
     ScalarTable,
     Scene,
+    SlabKernel,
     Step,
     View,
 )
@@ -51,11 +51,11 @@ def difference(scene: Scene, geometry: Geometry, exact: bool, values: Tensor | N
 
 
 @settings(max_examples=8)
-@given(turns, st.floats(0.3, 3.0), st.sampled_from(Kernel), st.floats(0.5, 2.0), st.sampled_from([CUBIC, SKEWED]))
-@example((0.0, 0.0, 0.0, 1.0), 2.0, Kernel.KAISER_BESSEL, 1.0, CUBIC)
-@example((0.0, 0.0, 0.0, 1.0), 0.3, Kernel.KAISER_BESSEL, 1.0, CUBIC)
+@given(turns, st.floats(0.3, 3.0), st.sampled_from(SlabKernel), st.floats(0.5, 2.0), st.sampled_from([CUBIC, SKEWED]))
+@example((0.0, 0.0, 0.0, 1.0), 2.0, SlabKernel.KAISER_BESSEL, 1.0, CUBIC)
+@example((0.0, 0.0, 0.0, 1.0), 0.3, SlabKernel.KAISER_BESSEL, 1.0, CUBIC)
 def test_on_the_same_integers_it_is_the_references(
-    rotation: tuple[float, float, float, float], zoom: float, kernel: Kernel, slab: float, geometry: Geometry
+    rotation: tuple[float, float, float, float], zoom: float, kernel: SlabKernel, slab: float, geometry: Geometry
 ) -> None:
     scene = scene_of(View(rotation=rotation, zoom=zoom), Reconstruction(slab_kernel=kernel, slab=slab))
     assert difference(scene, geometry, exact=False).max() <= ONE_LEVEL

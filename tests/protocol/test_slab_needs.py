@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene, turns
-from volsplat.protocol.description.scene import Kernel, Reconstruction, Step, View
+from volsplat.protocol.description.scene import Reconstruction, SlabKernel, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import IDENTITY, Vector
@@ -22,7 +22,7 @@ TRIES = 300
 
 
 def shape_of(
-    rotation: tuple[float, float, float, float], zoom: float, slab: float, kernel: Kernel, geometry: Geometry
+    rotation: tuple[float, float, float, float], zoom: float, slab: float, kernel: SlabKernel, geometry: Geometry
 ) -> SlabShape:
     scene = plain_scene(
         view=View(rotation=rotation, zoom=zoom), reconstruction=Reconstruction(slab=slab, slab_kernel=kernel)
@@ -42,17 +42,17 @@ def holds(neighbourhood: Neighbourhood, offset: Vector) -> bool:
     turns,
     st.floats(0.2, 5.0),
     st.floats(0.25, 2.0),
-    st.sampled_from(Kernel),
+    st.sampled_from(SlabKernel),
     st.sampled_from([IDENTITY, SKEWED]),
     st.integers(0, 1 << 30),
 )
-@example((0.0, 0.0, 0.0, 1.0), 1.9, 1.0, Kernel.KAISER_BESSEL, IDENTITY, 0)
-@example((0.3, 0.1, 0.2, 0.9), 0.25, 1.0, Kernel.GAUSSIAN, SKEWED, 0)
+@example((0.0, 0.0, 0.0, 1.0), 1.9, 1.0, SlabKernel.KAISER_BESSEL, IDENTITY, 0)
+@example((0.3, 0.1, 0.2, 0.9), 0.25, 1.0, SlabKernel.GAUSSIAN, SKEWED, 0)
 def test_every_voxel_that_reaches_a_slab_is_held_to_be_needed(
     rotation: tuple[float, float, float, float],
     zoom: float,
     slab: float,
-    kernel: Kernel,
+    kernel: SlabKernel,
     axes: matrices.Matrix,
     seed: int,
 ) -> None:
@@ -83,8 +83,8 @@ def test_every_voxel_that_reaches_a_slab_is_held_to_be_needed(
 
 def test_no_more_is_looked_at_than_balls_hold_and_it_is_the_same_from_every_side() -> None:
     """Voxels are cubes: within the radius, half a slab and half a voxel's diagonal."""
-    from_the_front = shape_of((0.0, 0.0, 0.0, 1.0), 2.0, 1.0, Kernel.KAISER_BESSEL, Geometry((9, 9, 9)))
-    aslant = shape_of((0.3, 0.1, 0.2, 0.9), 2.0, 1.0, Kernel.KAISER_BESSEL, Geometry((9, 9, 9)))
+    from_the_front = shape_of((0.0, 0.0, 0.0, 1.0), 2.0, 1.0, SlabKernel.KAISER_BESSEL, Geometry((9, 9, 9)))
+    aslant = shape_of((0.3, 0.1, 0.2, 0.9), 2.0, 1.0, SlabKernel.KAISER_BESSEL, Geometry((9, 9, 9)))
     assert (from_the_front.looks, from_the_front.needs) == (aslant.looks, aslant.needs)
     farthest = from_the_front.radius + 0.5 + math.sqrt(3) / 2 + 0.1
     for offset in itertools.product(range(-4, 5), repeat=3):

@@ -13,8 +13,9 @@ from torch import Tensor
 
 from reference import mapping
 from reference.combining import FROZEN_ALPHA
-from reference.footprint import integral, kernel_density
+from reference.footprint import integral
 from reference.plane import plane_table
+from reference.slab_kernels import slab_density
 from reference.slab_light import BlockLight, block_light
 from volsplat.protocol.description.scene import Field, Scene, Step
 from volsplat.protocol.description.volume import Geometry
@@ -25,10 +26,10 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, NO_DATA_BIT, SUBPIXEL_BITS
 from volsplat.protocol.rules.refinement import active_shading
 from volsplat.protocol.rules.resolved_view import resolved_zoom, screen_rotation
-from volsplat.protocol.rules.slab_shape import SLAB_RADIUS, SlabShape
+from volsplat.protocol.rules.slab_kernels import COEFFICIENTS, LEAST_KNOWN, SLAB_RADIUS
+from volsplat.protocol.rules.slab_shape import SlabShape
 
-LEAST_KNOWN = 1 / 16  # of what weights sum to
-UNIT, WIDE_UNIT = 3000, 1 << 26  # that integer weights sum to
+UNIT, SIGNED_UNIT, WIDE_UNIT = 3000, 1200, 1 << 26  # that integer weights sum to
 LEAST_NARROW_GAIN = 0.25
 MOST_OPAQUE = 1 - 1 / 4096
 
@@ -47,7 +48,7 @@ class Planes:
 
     @property
     def density(self) -> Tensor:
-        return self.densities / self.weights.clamp(min=1e-300)
+        return (self.densities / self.weights.clamp(min=1e-300)).clamp(0, 255)
 
 
 def render(packets: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene, exact: bool) -> Tensor:
@@ -78,7 +79,8 @@ def reconstructed(
     position = _positions(indices, geometry, scene, plan, slabs, exact)
     aside, before = slabs.baseline, [math.ceil(extent) for extent in slabs.half_extents]
     form, gain = _form(scene, geometry)
-    unit = 1.0 if exact else WIDE_UNIT if gain < LEAST_NARROW_GAIN else UNIT
+    narrow = SIGNED_UNIT if scene.reconstruction.slab_kernel in COEFFICIENTS else UNIT
+    unit = 1.0 if exact else WIDE_UNIT if gain < LEAST_NARROW_GAIN else narrow
     shape = (slabs.planes, plan.height + 2 * aside, plan.width + 2 * aside)
     weights, densities = (torch.zeros(math.prod(shape), dtype=torch.float64) for _ in range(2))
     box = torch.cartesian_prod(*(torch.arange(-n, n + 2) for n in before))  # (m, 3) of x, y and plane
@@ -138,11 +140,10 @@ def _form(scene: Scene, geometry: Geometry) -> tuple[Tensor, float]:
 
 def _kernel(scene: Scene, rho: Tensor) -> Tensor:
     """The kernel of unit integral over space, at distances within its radius."""
-    reconstruction = scene.reconstruction
-    kernel, radius = reconstruction.slab_kernel, SLAB_RADIUS[reconstruction.slab_kernel]
-    end = torch.tensor([radius], dtype=torch.float64)
-    whole = integral(lambda r: 4 * math.pi * r**2 * kernel_density(kernel, r, radius), end)
-    return kernel_density(kernel, rho, radius) / whole
+    kernel = scene.reconstruction.slab_kernel
+    end = torch.tensor([SLAB_RADIUS[kernel]], dtype=torch.float64)
+    whole = integral(lambda r: 4 * math.pi * r**2 * slab_density(kernel, r), end)
+    return slab_density(kernel, rho) / whole
 
 
 def _shaded(

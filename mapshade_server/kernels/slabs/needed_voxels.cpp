@@ -2,6 +2,7 @@
 #include "needed_voxels.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <limits>
 #include <stdexcept>
@@ -144,6 +145,47 @@ std::array<int, 256> next_visible(const Need& need) {
     return next;
 }
 
+// All but what lies within a box.
+void mark_outside(Bytes& marks, const Index3& size, const Index3& begin, const Index3& end) {
+    std::uint8_t* row = marks.data();
+    for (std::int64_t k = 0; k < size[2]; ++k)
+        for (std::int64_t j = 0; j < size[1]; ++j, row += size[0]) {
+            const bool inside = k >= begin[2] && k < end[2] && j >= begin[1] && j < end[1] && begin[0] < end[0];
+            std::fill(row, row + (inside ? begin[0] : size[0]), 1);
+            if (inside) std::fill(row + end[0], row + size[0], 1);
+        }
+}
+
+// What densities may be where those of the voxels around are these.
+void overshoot(Bytes& least, Bytes& greatest, const Bytes& edge, const Need& need) {
+    std::array<int, 256> more[2];  // by what lies between them: inside, and at edges
+    for (int between = 0; between <= kDensest; ++between) {
+        more[0][between] = static_cast<int>(std::ceil(std::min(between * need.overshoot, 255.0)));
+        more[1][between] = static_cast<int>(std::ceil(std::min(between * need.edge_overshoot, 255.0)));
+    }
+    for (std::size_t n = 0; n < least.size(); ++n) {
+        if (greatest[n] <= least[n]) continue;
+        const int by = more[edge[n]][greatest[n] - least[n]];
+        least[n] = static_cast<std::uint8_t>(std::max(least[n] - by, 0));
+        greatest[n] = static_cast<std::uint8_t>(std::min(greatest[n] + by, 255));
+    }
+}
+
+// Where voxels around have no data, or lie outside of the volume.
+Bytes edges(const std::uint32_t* packets, const Index3& size, const Need& need) {
+    Bytes found(size[0] * size[1] * size[2]);
+    for (std::size_t n = 0; n < found.size(); ++n) found[n] = packets[n] >> kNoDataBit;
+    widen<Greatest>(found, size, need.look);
+    const Index3 look = need.look.reach();
+    Index3 begin, end;
+    for (int axis = 0; axis < 3; ++axis) {
+        begin[axis] = need.before[axis] ? 0 : look[axis];
+        end[axis] = size[axis] - (need.behind[axis] ? 0 : look[axis]);
+    }
+    mark_outside(found, size, begin, end);
+    return found;
+}
+
 // Where the densities around enclose one that can be seen.
 Bytes showing(const std::uint32_t* packets, const Index3& size, const Need& need) {
     const std::size_t count = size[0] * size[1] * size[2];
@@ -156,6 +198,7 @@ Bytes showing(const std::uint32_t* packets, const Index3& size, const Need& need
     }
     widen<Least>(least, size, need.look);
     widen<Greatest>(greatest, size, need.look);
+    if (need.overshoot > 0) overshoot(least, greatest, edges(packets, size, need), need);
     const std::array<int, 256> next = next_visible(need);
     for (std::size_t n = 0; n < count; ++n) greatest[n] = next[least[n]] <= greatest[n];
     return greatest;
@@ -170,13 +213,7 @@ void add_faces(Bytes& needed, const Index3& size, const Need& need) {
         begin[axis] = need.before[axis] ? near : 0;
         end[axis] = size[axis] - (need.behind[axis] ? near : 0);
     }
-    std::uint8_t* row = needed.data();
-    for (std::int64_t k = 0; k < size[2]; ++k)
-        for (std::int64_t j = 0; j < size[1]; ++j, row += size[0]) {
-            const bool inside = k >= begin[2] && k < end[2] && j >= begin[1] && j < end[1] && begin[0] < end[0];
-            std::fill(row, row + (inside ? begin[0] : size[0]), 1);
-            if (inside) std::fill(row + end[0], row + size[0], 1);
-        }
+    mark_outside(needed, size, begin, end);
 }
 
 Bytes needed_of(const std::uint32_t* packets, const Index3& size, const Need& need) {

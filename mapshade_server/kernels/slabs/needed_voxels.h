@@ -1,9 +1,10 @@
 // The voxels of a box that a frame of slabs needs: all that the density may depend on wherever something can be seen,
 // kept from frame to frame in rows along one axis.
 //
-// A slab's densities lie between those of the voxels around it. So where the least and the greatest of these enclose no
-// density that can be seen, nothing is seen, and whatever of them is left out changes nothing. That holds for any
-// superset as well: towards a part of the grid that another box has, whatever may be needed is.
+// A slab's densities lie between those of the voxels around it; with weights below 0, not far outside. So where the
+// least and the greatest of these enclose no density that can be seen, nothing is seen, and whatever of them is left
+// out changes nothing. That holds for any superset as well: towards a part of the grid that another box has, whatever
+// may be needed is.
 #pragma once
 
 #include <array>
@@ -32,7 +33,10 @@ struct Need {
     std::array<std::uint64_t, 4> visible;  // a bit for each density
     Neighbourhood look;                    // what the densities of a slab with its middle in a voxel's cell depend on
     Neighbourhood spread;                  // and what is needed if these may show anything
-    std::array<bool, 3> before, behind;    // whether the grid goes on beyond the box
+    // By how much a density may leave those around, as a share of what lies between these: where all voxels around have
+    // data, and where weights may sum to little
+    double overshoot, edge_overshoot;
+    std::array<bool, 3> before, behind;  // whether the grid goes on beyond the box
 
     bool operator==(const Need&) const = default;
 };

@@ -36,6 +36,12 @@ CellView cell_view(const Map& x, const Map& y, const std::array<Axis, 3>& axes) 
 void bind_combining(nb::module_& m) {
     nb::class_<KernelProjection>(m, "KernelProjection")
         .def(nb::init<const std::string&, double, double>(), "kernel"_a, "parameter"_a, "radius"_a)
+        .def_static(
+            "signed",
+            [](const std::vector<double>& coefficients, double radius) {
+                return KernelProjection(coefficients, radius);
+            },
+            "coefficients"_a, "radius"_a)
         .def("at_square", &KernelProjection::at_square, "rho_square"_a);
     nb::class_<Ellipse>(m, "Ellipse")
         .def(

@@ -7,7 +7,7 @@ namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
 
-constexpr float kLeastDensity = 1e-30f;  // 0 is not known
+constexpr float kLeastDensity = 1e-30f, kGreatestDensity = 255.0f;  // 0 is not known
 
 typedef float Block __attribute__((vector_size(kBlockPlanes * sizeof(float))));
 typedef std::int32_t BlockBits __attribute__((vector_size(kBlockPlanes * sizeof(std::int32_t))));
@@ -21,7 +21,10 @@ void find_densities(const SlabSums& sums, void* block, int pixels) {
     typedef SumLayout<Number> Layout;
     typedef typename Layout::Quotient Quotient;
     typedef typename Layout::Signed Signed;
-    constexpr auto kLeast = static_cast<std::int32_t>(kLeastKnown * Layout::kUnit);
+    constexpr Number kBelow = (Number{1} << Layout::kDensityBits) - 1;
+    const auto bias = static_cast<Number>(sums.bias);
+    const auto no_weight = static_cast<std::int32_t>(bias >> Layout::kDensityBits);
+    const auto no_density = static_cast<Signed>(bias & kBelow);
     const std::int64_t step = sums.planes;
     Number* planes = static_cast<Number*>(block);
     for (int pixel = 0; pixel < pixels; ++pixel, planes += step) {
@@ -29,12 +32,13 @@ void find_densities(const SlabSums& sums, void* block, int pixels) {
         float densities[kBlockPlanes];
         __builtin_memcpy(numbers, planes, sizeof numbers);
         for (int n = 0; n < kBlockPlanes; ++n) {
-            const auto weight = static_cast<std::int32_t>(numbers[n] >> Layout::kDensityBits);
-            const auto weighted = numbers[n] & ((Number{1} << Layout::kDensityBits) - 1);
+            const Number number = numbers[n] + bias;
+            const auto weight = static_cast<std::int32_t>(number >> Layout::kDensityBits) - no_weight;
+            const Signed weighted = static_cast<Signed>(number & kBelow) - no_density;
             const Quotient below = static_cast<Quotient>(weight > 1 ? weight : 1);
-            const auto above = static_cast<Quotient>(static_cast<Signed>(weighted));
-            const float density = static_cast<float>(above / below);
-            densities[n] = weight < kLeast ? 0.0f : density > kLeastDensity ? density : kLeastDensity;
+            const float quotient = static_cast<float>(static_cast<Quotient>(weighted) / below);
+            const float density = quotient < kGreatestDensity ? quotient : kGreatestDensity;
+            densities[n] = weight < sums.least ? 0.0f : density > kLeastDensity ? density : kLeastDensity;
         }
         __builtin_memcpy(planes, densities, sizeof densities);
     }

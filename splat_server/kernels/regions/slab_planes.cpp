@@ -43,6 +43,8 @@ void SlabPlanes::make_room() {
     sums_.planes = frame_.table->planes();
     sums_.tile_rows = rounded_up(sums_.lines, kTileLines) / kTileLines;
     sums_.aside = baseline;
+    const SlabTableView table = frame_.table->view();
+    sums_.bias = table.bias, sums_.least = table.least;
     const std::size_t columns = static_cast<std::size_t>(sums_.pitch) * sums_.tile_rows * kTileLines;
     const std::size_t tiles = static_cast<std::size_t>(sums_.tile_rows) * sums_.tiles;
     memory_ = zeros(columns * sums_.planes * (number_bytes_ / sizeof(float)));
