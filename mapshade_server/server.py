@@ -83,7 +83,7 @@ class MapShadeServer:
         self._over = False  # the client has ended the session …
         self._another = False  # … and begins another one at once
         self._failure: VolsplatError | None = None  # how the client was lost
-        self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption)
+        self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption, threads)
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._reading_ahead = ThreadPoolExecutor(1, "read ahead")

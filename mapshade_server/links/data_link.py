@@ -45,16 +45,16 @@ class Sent(NamedTuple):
 
 
 class DataLink:
-    """An open connection to the splat server at the end of a route."""
+    """An open connection to the splat server at the end of a route, for so many walkers."""
 
-    def __init__(self, route: messages.Route, connection: Connection) -> None:
+    def __init__(self, route: messages.Route, connection: Connection, walkers: int = 1) -> None:
         self.route = route
         self._connection = connection
         # Replaced by the thread that begins frames, filled by the hearing one
         self._tiles = FrameTiles(0, new_tile_map(1, 1))
         self._failure: VolsplatError | None = None  # how the splat server was lost
         self._coding = None if connection.may_share_memory else LinkCoding()  # within a machine nothing is gained
-        self._shared = SharedBatches(connection)
+        self._shared = SharedBatches(connection, walkers)
         self.pace = LinkPace(self._carried_meanwhile)
         self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
         self._hearing.start()

@@ -25,9 +25,15 @@ class DataLinks:
     """One thread connects and closes; any other may interrupt."""
 
     def __init__(
-        self, token: Token, given_up: Callable[[], bool], heartbeat: Heartbeat, encryption: Encryption
+        self,
+        token: Token,
+        given_up: Callable[[], bool],
+        heartbeat: Heartbeat,
+        encryption: Encryption,
+        walkers: int = 1,
     ) -> None:
-        """Dialling ends where it is `given_up`."""
+        """For the batches of so many walkers. Dialling ends where it is `given_up`."""
+        self._walkers = walkers
         self._heartbeat = heartbeat
         self._token = token
         self._encryption = encryption
@@ -74,7 +80,7 @@ class DataLinks:
             given_up=lambda: self._given_up() or self._is_unwanted(route),
         )
         self._heartbeat.keep(connection, lambda: CLIENT_FIRST * self._heartbeat.silence)
-        return DataLink(route, connection)
+        return DataLink(route, connection, self._walkers)
 
     def _is_unwanted(self, route: Route) -> bool:
         return self._wanted is not None and route not in self._wanted

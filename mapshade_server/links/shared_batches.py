@@ -4,12 +4,14 @@ import logging
 from collections.abc import Sequence
 
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.protocol.messages.message import MOST_BLOCKS
 from volsplat.protocol.messages.messages import BlocksShared
 from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.shared_memory import FilledBlocks
 
-BLOCKS = 12  # with more, too much is hidden when it is read
+BLOCKS = 12  # of few walkers; with more, too much is hidden when it is read
+WALKERS_BLOCKS = 4  # of each of many, whose batches are small
 BLOCK_BYTES = 2 << 20  # what is not touched of it costs nothing
 LEAST_BYTES = 16 << 10  # in a block: less goes as quickly by the socket
 
@@ -23,13 +25,13 @@ class SharedBatches:
     read. Waiting for a block could be without end: one walker's are free only once others' batches have come, too.
     """
 
-    def __init__(self, link: Connection) -> None:
-        """Raises PeerLost."""
+    def __init__(self, link: Connection, walkers: int = 1) -> None:
+        """For the batches of so many walkers. Raises PeerLost."""
         self._blocks: FilledBlocks | None = None
         if not link.may_share_memory:
             return
         try:
-            self._blocks = FilledBlocks(BLOCKS, BLOCK_BYTES)
+            self._blocks = FilledBlocks(min(max(BLOCKS, WALKERS_BLOCKS * walkers), MOST_BLOCKS), BLOCK_BYTES)
         except OSError as error:
             log.debug("batches go by the socket: %s", error)
             return

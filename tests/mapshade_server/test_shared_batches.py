@@ -125,3 +125,15 @@ def test_blocks_that_were_not_passed_are_refused() -> None:
         again = FilledBlocks(1, 1)
         with pytest.raises(RemoteProtocolError, match="shared for the second time"):
             read.share(messages.BlocksShared(1, again.block_bytes), again.descriptor)
+
+
+@pytest.mark.parametrize(("walkers", "blocks"), [(1, map_shade.BLOCKS), (16, 16 * map_shade.WALKERS_BLOCKS)])
+def test_many_walkers_have_a_few_blocks_each(walkers: int, blocks: int) -> None:
+    """Else most of what they walk would go by the socket."""
+    with link() as (near, far):
+        shared = map_shade.SharedBatches(near, walkers)
+        filled = [shared.filled([part(PACKETS, 0)]) for _ in range(blocks + 1)]
+        assert None not in filled[:blocks] and filled[blocks] is None
+        received = far.receive()
+        assert received is not None and isinstance(received.message, messages.BlocksShared)
+        os.close(far.descriptors.take())
