@@ -1,7 +1,8 @@
 """The fork server: has loaded the servers' programs, and becomes as many servers as it is asked for, each at once.
 
-    python -m volsplat.deploy.fork_server
+    python -m volsplat.deploy.fork_server [MODULE…]
 
+The modules are loaded as well, once for all servers.
 Its standard input is a socket to who started it, over which go lines of JSON: `Start` and `Signal` one way, `Started`
 and `Ended` the other. It has no threads, and ends when the other side does.
 """
@@ -134,9 +135,9 @@ def main() -> None:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, STDIN)  # of the servers
     os.close(nothing)
-    for program in Program:
+    for module in (*(f"{program.value}.command" for program in Program), *sys.argv[1:]):
         with suppress(Exception):  # the server tells why it cannot be loaded
-            import_module(f"{program.value}.command")
+            import_module(module)
     if run := ForkServer(link).serve():
         run()
 

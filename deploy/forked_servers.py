@@ -67,8 +67,8 @@ class ForkedServer:
 class ForkedServers:
     """A fork server, and the servers that it has become."""
 
-    def __init__(self) -> None:
-        """Raises OSError if the system has no process to give."""
+    def __init__(self, modules: Sequence[str] = ()) -> None:
+        """The servers find these modules loaded. Raises OSError if the system has no process to give."""
         self._link, theirs = socket.socketpair()
         self._lock = threading.Lock()  # guards asking, so that answers come in the same order
         self._asked: queue.SimpleQueue[ForkedServer] = queue.SimpleQueue()
@@ -77,7 +77,7 @@ class ForkedServers:
         with theirs:
             threading.Thread(target=self._hear, name="hear the fork server", daemon=True).start()
             self._process = subprocess.Popen(
-                [sys.executable, "-m", FORK_SERVER],
+                [sys.executable, "-m", FORK_SERVER, *modules],
                 env=os.environ | ALONE,
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
@@ -140,9 +140,12 @@ class ForkedServers:
 _ahead: list[ForkedServers] = []
 
 
-def begin_ahead() -> None:
-    """Have a fork server load the programs while this process does the same with its own, for whoever asks first."""
-    _ahead.append(ForkedServers())
+def begin_ahead(modules: Sequence[str] = ()) -> None:
+    """Have a fork server load the programs, and more modules that its servers will need, for whoever asks first.
+
+    It does so while this process loads its own.
+    """
+    _ahead.append(ForkedServers(modules))
     atexit.register(_end_unused)
 
 

@@ -28,7 +28,7 @@ def _status() -> int:
     """Of the sub-command, once it has ended in whatever way, with its cause printed."""
     import click
 
-    from volsplat.client.command.commands import starts_servers, volsplat
+    from volsplat.client.command.commands import reading_modules, starts_servers, volsplat
     from volsplat.deploy.forked_servers import begin_ahead
     from volsplat.program.load_failures import load_failure
     from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -38,7 +38,7 @@ def _status() -> int:
     try:
         _listen_to_signals()
         if COMPLETION not in os.environ and starts_servers(sys.argv[1:]):
-            begin_ahead()
+            begin_ahead(reading_modules(sys.argv[1:]))
         volsplat.main(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()

@@ -22,6 +22,8 @@ from volsplat.protocol.text.errors import BadInput
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
 # With one of these a command starts no servers.
 SERVES_NOBODY = {"--single", "--cluster", "--listen", "--help", "-h"}
+# What readers need that takes long to load, so that servers share it, by the ends of files' names.
+READING_MODULES = {(".fits", ".fit", ".fits.gz"): ("astropy.io.fits", "astropy.wcs")}
 DRAW, VOLUMES, MACHINES, MEASURE = "Show and draw", "Volumes and scenes", "Machines", "Measure"
 
 
@@ -67,6 +69,13 @@ def starts_servers(words: Sequence[str]) -> bool:
     """Whether a command line will start servers; guessed, since the command takes a while to import."""
     serves = any(ENTRIES[word].serves for word in words if word in ENTRIES)
     return serves and not SERVES_NOBODY.intersection(word.partition("=")[0] for word in words)
+
+
+def reading_modules(words: Sequence[str]) -> list[str]:
+    """What servers will need to read the volume that a command line names; guessed likewise."""
+    places = [word.partition("#")[0].lower() for word in words]
+    ends = [end for end in READING_MODULES if any(place.endswith(end) for place in places)]
+    return [module for end in ends for module in READING_MODULES[end]]
 
 
 class Commands(click.Group):

@@ -121,6 +121,8 @@ FORMATS = (
     VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises, parts=True),
     VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises, parts=True),
     VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises, gzip=True, parts=True),
+    # Early, since the modules of all formats before a file's own are imported, and astropy alone takes long enough.
+    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises, gzip=True, parts=True),
     VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises, gzip=True),
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",), gzip=True),
     VolumeFormat(
@@ -146,7 +148,6 @@ FORMATS = (
         gzip=True,
         parts=True,
     ),
-    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises, gzip=True, parts=True),
     VolumeFormat("SEG-Y survey (.sgy, .segy)", segy.open_segy, extensions=(".sgy", ".segy")),
     VolumeFormat(
         "Gaussian cube (.cube)",

@@ -4,11 +4,12 @@ import os
 import shlex
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import click
 import pytest
 
-from volsplat.client.command.commands import ENTRIES, starts_servers, volsplat
+from volsplat.client.command.commands import ENTRIES, reading_modules, starts_servers, volsplat
 from volsplat.client.command.help_page import OTHERS, HelpedCommand
 
 HELPED = [
@@ -89,3 +90,16 @@ def test_a_shell_completes_commands_presets_and_files() -> None:
 )
 def test_servers_are_loaded_ahead_only_for_commands_that_start_some(line: str, starts: bool) -> None:
     assert starts_servers(line.split()) is starts
+
+
+@pytest.mark.parametrize(
+    ("line", "loads"),
+    [
+        ("render cube.FITS#1,axis4=0 -o cube.png", True),
+        ("view cube.fits.gz", True),
+        ("render head.nrrd -o head.png", False),
+    ],
+)
+def test_what_reads_a_fits_cube_is_loaded_ahead_only_for_one(line: str, loads: bool) -> None:
+    modules = reading_modules(line.split())
+    assert bool(modules) is loads and all(map(find_spec, modules))

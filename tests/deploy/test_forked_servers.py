@@ -35,6 +35,22 @@ def test_a_server_has_its_own_arguments_environment_and_end() -> None:
         forks.end()
 
 
+def test_servers_find_the_modules_that_are_loaded_for_all_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    note = "import os\nwith open(__file__ + '.loaded', 'a') as file: print(os.getpid(), file=file)\n"
+    (tmp_path / "takes_long.py").write_text(note)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    forks = ForkedServers(["takes_long", "no_such_module"])
+    try:
+        servers = [forks.start(Program.MAPSHADE_SERVER, ["--no-such-option"], {}) for _ in range(2)]
+        assert [server.wait(PATIENCE) for server in servers] == [2, 2]
+    finally:
+        forks.end()
+    (loaded,) = (tmp_path / "takes_long.py.loaded").read_text().split()
+    assert int(loaded) not in [server.pid for server in servers]
+
+
 def test_what_is_asked_of_a_fork_server_that_is_ended_while_it_loads_ends() -> None:
     forks = ForkedServers()
     server = forks.start(Program.SPLAT_SERVER, [], {})
