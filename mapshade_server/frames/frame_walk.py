@@ -19,7 +19,8 @@ from volsplat.protocol.rules.slab_kernels import LEAST_KNOWN
 from volsplat.protocol.rules.slab_shape import SlabShape
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB of all walkers: few hand-overs, and the next stage still finds it in the cache
-LEAST_PACKETS = 1 << 14  # of one walker of many, or where handing over costs nothing
+LEAST_PACKETS = 1 << 16  # of one walker of many: each hand-over takes the interpreter, which they all share
+STEP_PACKETS = 1 << 14  # within a process, where handing over costs nothing
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
 
 SLAB_PACKETS = 1 << 14  # of a batch of unshaded voxels: few of those that follow are then hidden
@@ -90,7 +91,7 @@ class FrameWalk:
                 sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers
             )
         else:
-            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if handed_over else LEAST_PACKETS
+            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if handed_over else STEP_PACKETS
             walk = _sheet_walk(
                 sub_cubes, geometry, quantisation, shading, plan, closed_tiles, regions, walkers, max_packets
             )
