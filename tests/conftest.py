@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, settings
 
 from support.checkout import SHARED_DATA
 from support.processor_time import ProcessorTime
-from support.thoroughness import PROFILE
+from support.thoroughness import PROFILE, examples
 
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -25,11 +25,11 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 settings.register_profile(
     "volsplat",
     deadline=None,
-    max_examples=25,
+    max_examples=examples(25),
     derandomize="CI" in os.environ,  # a submission is judged by the same cases each time; people search on
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("thorough", parent=settings.get_profile("volsplat"), max_examples=500, derandomize=False)
+settings.register_profile("thorough", parent=settings.get_profile("volsplat"), derandomize=False)
 settings.load_profile(PROFILE)
 
 

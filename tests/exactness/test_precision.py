@@ -13,6 +13,7 @@ from support.scenes.blobs import SIZE, TABLES, VIEWS, blobs, scene_of
 from support.scenes.phantoms import QUANTISATION
 from support.scenes.rays import constant, crossing
 from support.scenes.rendering import rendered
+from support.thoroughness import examples
 from tolerances import MISMATCHED_AXIS_ALIGNED, MISMATCHED_OBLIQUE, ONE_LEVEL, SLAB_RIPPLE, STRIDES
 from volsplat.protocol.description.scene import Kernel, Reconstruction, Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -21,7 +22,7 @@ ZOOMS = (0.95, 1.73, 2.01, 2.3, 4.3, 7.7)
 OBLIQUE = ("oblique",)
 
 
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 @given(
     st.sampled_from(sorted(VIEWS)),
     st.sampled_from(ZOOMS) | st.floats(0.8, 7.7),
@@ -54,7 +55,7 @@ def test_any_scene_is_as_precise_as_the_design_asks(
 BESIDE_THE_LATTICE = (15.5 + 0.1234567, 15.5 - 0.0654321, 15.5 + 0.0432109)  # no pixel's centre on a border of cells
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(
     st.sampled_from((Step.A, Step.B, Step.C)),
     st.sampled_from(sorted(VIEWS)),
@@ -106,7 +107,7 @@ def test_a_slab_seen_along_an_axis_hardly_ripples(view: str, zoom: float) -> Non
     assert depth.max() - depth.min() <= SLAB_RIPPLE * depth.mean()
 
 
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 @given(
     st.tuples(*[st.floats(-0.8, 0.8)] * 2),
     st.sampled_from(ZOOMS) | st.floats(0.5, 7.7),

@@ -13,6 +13,7 @@ from reference import slabs, voxel_packets
 from support.scenes.arbitrary import turns
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
+from support.thoroughness import examples
 from tolerances import FEW_TIES, MISMATCHED_SLABS, ONE_LEVEL
 from volsplat.protocol.description.patches import Patch, Plane
 from volsplat.protocol.description.scene import (
@@ -50,7 +51,7 @@ def difference(scene: Scene, geometry: Geometry, exact: bool, values: Tensor | N
     return (expected - rendered(values, geometry, scene, Step.G)).abs().amax(dim=-1)
 
 
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 @given(turns, st.floats(0.3, 3.0), st.sampled_from(SlabKernel), st.floats(0.5, 2.0), st.sampled_from([CUBIC, SKEWED]))
 @example((0.0, 0.0, 0.0, 1.0), 2.0, SlabKernel.KAISER_BESSEL, 1.0, CUBIC)
 @example((0.0, 0.0, 0.0, 1.0), 0.3, SlabKernel.KAISER_BESSEL, 1.0, CUBIC)

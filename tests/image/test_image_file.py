@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from support.files.images import over_background, read_image
 from support.files.small_disks import small_disk
 from support.scenes.scenes import scenes
+from support.thoroughness import examples
 from tolerances import HALF_A_LEVEL, JPEG_LEVELS
 from volsplat.client.image import image_file
 from volsplat.client.image.image_file import read_properties, read_scene
@@ -86,7 +87,7 @@ def test_a_jpeg_of_lower_quality_is_smaller(tmp_path: Path) -> None:
     assert (tmp_path / "poor.jpg").stat().st_size < (tmp_path / "good.jpg").stat().st_size
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(scene=scenes())
 @pytest.mark.parametrize("kind", DEPTHS)
 def test_the_scene_comes_back_out_of_every_format(
@@ -226,7 +227,7 @@ def test_what_is_not_an_image_of_ours_is_refused_in_one_line(tmp_path: Path) -> 
         read_scene(tmp_path / "absent.png")
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(text=st.text(st.characters(codec="ascii", exclude_characters="\0")))
 def test_a_foreign_description_is_no_scene(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.mktemp("foreign") / "image.tif"

@@ -16,6 +16,7 @@ from support.messages.message_samples import SAMPLES
 from support.scenes.arbitrary import plain_scene
 from support.scenes.owned import owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
+from support.thoroughness import examples
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -136,7 +137,7 @@ def drawing() -> Iterator[Owners]:
         yield made
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(data=st.data(), step=st.sampled_from(Step))
 def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject, step: Step) -> None:
     request = data.draw(spoilt(render(step)))
@@ -158,7 +159,7 @@ def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject
         assert np.isfinite(image).all()
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(data=st.data(), step=st.sampled_from(Step))
 def test_a_scene_and_a_volume_of_any_numbers_are_planned_or_refused(data: st.DataObject, step: Step) -> None:
     """By the client, before anything is sent."""
@@ -170,7 +171,7 @@ def test_a_scene_and_a_volume_of_any_numbers_are_planned_or_refused(data: st.Dat
             line_of_sight(situation.scene, situation.geometry, *situation.point)
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(data=st.data())
 def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
     line, shading = line_of_sight(SCENE, GEOMETRY, 9.0, 7.0), shading_rule(SCENE, Step.F)
@@ -185,7 +186,7 @@ def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
         front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
 
 
-@settings(max_examples=250)
+@settings(max_examples=examples(250))
 @given(data=st.data())
 def test_requests_about_the_volume_with_any_numbers(path: Path, data: st.DataObject) -> None:
     held, described = held_at(path)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene
+from support.thoroughness import examples
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
@@ -61,7 +62,7 @@ def scene_from(rotation: tuple[float, float, float, float], **view: object) -> S
     return plain_scene(size=(SIZE, SIZE), view=View(rotation=rotation, **view))  # type: ignore[arg-type]
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(azimuth=st.floats(-180, 180), elevation=st.floats(-90, 90))
 def test_from_any_side_a_fit_fills_the_image_and_cuts_nothing(
     lone_ball: Path, azimuth: float, elevation: float

@@ -15,6 +15,7 @@ from reference import mapping
 from support.scenes.arbitrary import index_to_physical, plain_scene, quaternions
 from support.scenes.owned import Drawing, owners
 from support.scenes.row_runs import FARTHEST
+from support.thoroughness import examples
 from tolerances import CONE_TIP, PROJECTION, SUM_OVER_PIXELS, UNITY_ROUNDED_POSITIONS
 from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -137,7 +138,7 @@ def endless_sheets(draw: st.DrawFn) -> EndlessSheet:
     return EndlessSheet(scene, geometry, grid, doubled, thickness)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(endless_sheets(), st.data())
 def test_the_table_holds_the_footprint_at_each_offset(sheet: EndlessSheet, data: st.DataObject) -> None:
     table = footprint_table(sheet.shape)
@@ -198,7 +199,7 @@ def test_a_huge_footprint_is_coarse_and_one_beyond_any_image_refused() -> None:
         footprint_table(shape_of(256.0, matrix=long))
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(endless_sheets())
 def test_the_weights_over_a_pixel_sum_to_the_thickness(sheet: EndlessSheet) -> None:
     reconstruction = sheet.scene.reconstruction
@@ -214,7 +215,7 @@ def test_the_weights_over_a_pixel_sum_to_the_thickness(sheet: EndlessSheet) -> N
 THINNEST_CODE, THINNEST = 1, 1 / OPACITY_UNIT
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(endless_sheets())
 def test_splatted_weights_sum_to_the_thickness(sheet: EndlessSheet) -> None:
     lattice = sheet.lattice()

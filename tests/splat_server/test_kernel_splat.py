@@ -17,6 +17,7 @@ from support.scenes import owned
 from support.scenes.arbitrary import plain_scene, situations
 from support.scenes.owned import even_regions
 from support.scenes.row_runs import FARTHEST, Dot, Run, mirrored, runs_of_samples
+from support.thoroughness import examples
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL, SPLAT_FLOAT32
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, Step, View
@@ -316,7 +317,7 @@ def coloured(runs: list[Run]) -> list[Run]:
     ]
 
 
-@settings(max_examples=80)
+@settings(max_examples=examples(80))
 @given(
     situations(),
     st.sampled_from((Step.A, Step.B, Step.C)),

@@ -20,6 +20,7 @@ from support.scenes.owned import owners
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.scenes.shaded_packets import all_batches
+from support.thoroughness import examples
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
@@ -218,7 +219,7 @@ def slabs(axis: int, first: int, second: int) -> list[Box]:
     return boxes
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(
     st.integers(0, 2),
     st.integers(1, 11),
@@ -521,7 +522,7 @@ def test_images_asked_for_at_once_are_each_answered(bench: Bench) -> None:
     assert images == {bytes(bench.picture)}
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.floats(0.3, 200), st.sampled_from(PAPER_STEPS), st.tuples(*[st.floats(-1, 1)] * 3))
 @example(104.0, Step.C, (0.5, 0.5, 1.0))  # the sheet axis adds the most to what a cell reaches
 def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(

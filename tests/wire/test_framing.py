@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.messages.message_samples import SAMPLES, STRATEGIES, framed, lawful_kinds, sample_bytes, speech_for
+from support.thoroughness import examples
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.messages import greetings, messages
 from volsplat.protocol.messages.control_part import encode_control
@@ -270,19 +271,19 @@ def remade(draw: st.DrawFn) -> bytes:
     return framed(bytes(control), payload)
 
 
-@settings(max_examples=FUZZ_EXAMPLES)
+@settings(max_examples=examples(FUZZ_EXAMPLES))
 @given(_hostile | mutated() | remade(), st.sampled_from(WAYS))
 def test_any_bytes_are_a_message_or_a_wait_or_refused(data: bytes, way: Way | None) -> None:
     check_stream(data, way)
 
 
-@settings(max_examples=FUZZ_EXAMPLES)
+@settings(max_examples=examples(FUZZ_EXAMPLES))
 @given(_hostile | mutated() | remade())
 def test_no_bytes_of_a_stranger_open_a_connection(data: bytes) -> None:
     check_handshakes(data)
 
 
-@settings(max_examples=FUZZ_EXAMPLES)
+@settings(max_examples=examples(FUZZ_EXAMPLES))
 @given(st.lists(st.sampled_from(lawful_kinds(None)).flatmap(STRATEGIES.__getitem__), max_size=5))
 def test_no_greetings_of_a_stranger_open_a_connection(said: list[Message]) -> None:
     check_stranger(said)

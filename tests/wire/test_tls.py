@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.patience import PATIENCE
+from support.thoroughness import examples
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
@@ -53,7 +54,7 @@ buffer_lists = st.lists(st.binary(max_size=70_000), min_size=1, max_size=20)
 
 
 @given(buffer_lists, buffer_lists, st.sampled_from([0, socket.MSG_DONTWAIT]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_what_is_sent_both_ways_at_once_arrives_whole(there: list[bytes], back: list[bytes], flags: int) -> None:
     with shaken() as (near, far), ThreadPoolExecutor(4) as threads:
         sent = [threads.submit(send_all, *one, flags) for one in ((near, there), (far, back))]
