@@ -119,6 +119,7 @@ class SingleProcess:
         left = budgets({WORKER: available_memory()}, {WORKER: "here"})
         self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
         self._frame = 0
+        self._why_level = ""
 
     @property
     def volume(self) -> SurveyedVolume:
@@ -129,8 +130,7 @@ class SingleProcess:
     @property
     def why_level(self) -> str:
         """Why this level of a prepared volume is held, once something was drawn of it; "" if there is only one."""
-        assert self._holding.packing is not None
-        return self._holding.packing.why_level
+        return self._why_level
 
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput, also without torch."""
@@ -265,6 +265,7 @@ class SingleProcess:
         self._frame += 1
         try:
             packing = self._packed(scene, step)
+            self._why_level = packing.why_level
             resolution = self._holding.resolution(step, scene.refine.striding)
             threads = {WORKER: self._threads}
             request = frame_request(
