@@ -149,7 +149,6 @@ def test_steps_points_and_intervals_may_be_other_libraries_too(renderer: Rendere
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"volume": None}, "a volume's path or URL is wanted"),
         ({"volume": ""}, "a volume's path or URL is wanted"),
         ({"workers": "2"}, "workers must be a whole number, not the str '2'"),
         ({"workers": 2.5}, "workers must be a whole number"),

@@ -135,5 +135,6 @@ def test_every_message_that_a_server_may_say_at_any_time_is_no_answer_about_the_
         messages.ConnectedToSplatServers,
         messages.LeaveSession,
         messages.Refused,
+        messages.FolderListed,  # which may be asked before there is a volume
         messages.AheadRead,  # comes beside whatever else goes on
     }
