@@ -63,17 +63,7 @@ async def finished_picture(viewing: Viewing) -> Picture:
     newest = viewing.pictures.newest
     if newest is not None and newest.last and newest.state.revision == viewing.model.now.revision:
         return newest
-    found: asyncio.Future[Picture] = asyncio.get_running_loop().create_future()
-
-    def look(picture: Picture) -> None:
-        if picture.last and not found.done():
-            found.set_result(picture)
-
-    leave = viewing.on_picture(look)
-    try:
-        return await found
-    finally:
-        leave()
+    return await viewing.pictures.next(lambda picture: picture.last)
 
 
 def file_stem(viewing: Viewing) -> str:

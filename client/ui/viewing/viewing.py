@@ -46,6 +46,20 @@ class Feed(Generic[News]):
         self._subscribers.append(subscriber)
         return lambda: self._subscribers.remove(subscriber)
 
+    async def next(self, wanted: Callable[[News], bool]) -> News:
+        """The first from now on that is wanted."""
+        found: asyncio.Future[News] = asyncio.get_running_loop().create_future()
+
+        def look(news: News) -> None:
+            if wanted(news) and not found.done():
+                found.set_result(news)
+
+        leave = self.subscribe(look)
+        try:
+            return await found
+        finally:
+            leave()
+
     def _pass_on(self, news: News) -> None:
         self.newest = news
         for subscriber in list(self._subscribers):

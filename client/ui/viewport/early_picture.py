@@ -6,7 +6,6 @@ import asyncio
 
 from nicegui import ui
 
-from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.picture_encoding import preview
 from volsplat.client.ui.viewing.viewing import Viewing
 
@@ -26,21 +25,7 @@ async def early_image(viewing: Viewing) -> bytes | None:
     try:
         picture = viewing.loop.shown
         if picture is None:
-            picture = await asyncio.wait_for(_next_finished(viewing), PATIENCE)
+            picture = await asyncio.wait_for(viewing.pictures.next(lambda one: one.complete), PATIENCE)
     except TimeoutError:
         return None
     return await asyncio.to_thread(preview, picture.published, picture.state.scene.image.background)
-
-
-async def _next_finished(viewing: Viewing) -> Picture:
-    found: asyncio.Future[Picture] = asyncio.get_running_loop().create_future()
-
-    def look(picture: Picture) -> None:
-        if picture.complete and not found.done():
-            found.set_result(picture)
-
-    unsubscribe = viewing.on_picture(look)
-    try:
-        return await found
-    finally:
-        unsubscribe()
