@@ -224,7 +224,7 @@ class _Page:
             first[0] = False
             return viewing
 
-        return shown, Opening(shown, root, None, self._open, made, not self._here, self._phantoms)
+        return shown, Opening(shown, root, None, self._session, made, not self._here, self._phantoms)
 
     def _join_again(self, session: Session) -> None:
         """Servers that were started by hand find later sessions where they found this one."""
@@ -236,9 +236,6 @@ class _Page:
         held = held_to if self._here and can_confine() else None
         later = replace(servers or self._servers, trace=None, data_root=held)
         return session_of(volume, later, not self._by_hand, say)
-
-    def _open(self, volume: str, held_to: str | None, say: Say) -> Session:
-        return self._session(volume, held_to, say)
 
     def _viewing_of(self, session: Session, first: bool, scene: Scene | None = None) -> Viewing:
         """The `first` looks as the command's options say. What nobody has set is lit from its first steps on."""
@@ -274,7 +271,7 @@ class _Page:
         def made(session: Session, scene: Scene | None) -> Viewing:
             return self._viewing_of(session, first=False, scene=scene)
 
-        return Opening(shown, self._root, volume, self._open, made, not self._here, self._phantoms)
+        return Opening(shown, self._root, volume, self._session, made, not self._here, self._phantoms)
 
 
 def _serve(
