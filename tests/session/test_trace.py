@@ -122,11 +122,15 @@ def test_the_servers_work_lies_between_the_clients_ask_and_the_images_arrival(pa
         assert len(came) == 2
 
 
-def test_the_single_process_has_rows_of_its_owners(head: Path, scene: Scene, tmp_path: Path) -> None:
+def test_the_single_process_has_rows_of_its_owners_any_of_whom_may_walk(
+    head: Path, scene: Scene, tmp_path: Path
+) -> None:
     with SingleProcess(head, threads=2, trace=tmp_path / "trace.json") as traced:
         traced.render(scene)
     trace = Trace(tmp_path / "trace.json")
-    assert {"walk", "merge", "splat"} <= {span["name"] for span in trace.of("client", "owner 0", 1)}
+    owners = [{span["name"] for span in trace.of("client", f"owner {owner}", 1)} for owner in range(2)]
+    assert all({"merge", "splat"} <= stages for stages in owners)
+    assert any("walk" in stages for stages in owners)
     assert all(map(nest, trace.rows.values()))
 
 
