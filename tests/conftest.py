@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from support.checkout import SHARED_DATA
 from support.processor_time import ProcessorTime
+from support.programs.shared_fork_server import shared_fork_server
 from support.thoroughness import PROFILE, examples
 
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
@@ -40,6 +42,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--processor-time"):
         config.pluginmanager.register(ProcessorTime())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fork_server_for_all() -> Iterator[None]:
+    with shared_fork_server():
+        yield
 
 
 @pytest.fixture(scope="session")

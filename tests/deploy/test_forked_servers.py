@@ -13,7 +13,8 @@ from support.files.head_volume import head
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from volsplat.client import Session
-from volsplat.deploy.forked_servers import FORK_SERVER, ForkedServers
+from volsplat.deploy import local
+from volsplat.deploy.forked_servers import FORK_SERVER, ForkedServers, forked_servers
 from volsplat.deploy.server_command import Program
 
 __all__ = ["head"]
@@ -61,7 +62,8 @@ def test_what_is_asked_of_a_fork_server_that_is_ended_while_it_loads_ends() -> N
         forks.start(Program.SPLAT_SERVER, [], {})
 
 
-def test_a_session_outlives_its_fork_server(head: Path) -> None:
+def test_a_session_outlives_its_fork_server(head: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local, "forked_servers", forked_servers)  # one of its own
     with Session(head, workers=2) as session:
         scene = session.default_scene()
         expected = session.finish(scene).published.pixels
@@ -83,5 +85,7 @@ def test_a_client_that_is_killed_leaves_no_fork_server() -> None:
 
 
 def fork_server() -> psutil.Process:
-    (found,) = [one for one in psutil.Process().children() if FORK_SERVER in one.cmdline()]
-    return found
+    """That which this process has started last; all its other tests have one together."""
+    return max(
+        (one for one in psutil.Process().children() if FORK_SERVER in one.cmdline()), key=psutil.Process.create_time
+    )

@@ -1,0 +1,68 @@
+"""One fork server for all sessions of a process that tests: each would load the servers' programs again, for half a
+second."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+import pytest
+
+from volsplat.deploy import local
+from volsplat.deploy.forked_servers import ForkedServer, ForkedServers
+from volsplat.deploy.server_command import Program
+
+
+class _Lasting(ForkedServers):
+    """Who ends one server of a session before it is there must not end those of others."""
+
+    def end(self) -> None:
+        pass
+
+    def end_at_last(self) -> None:
+        super().end()
+
+
+class _OfASession(ForkedServers):
+    """What a session sees of it: ending it ends the session's servers."""
+
+    def __init__(self, shared: ForkedServers) -> None:
+        self._shared = shared
+        self._started: list[ForkedServer] = []
+
+    @property
+    def gone(self) -> bool:
+        return self._shared.gone
+
+    def start(self, program: Program, arguments: Sequence[str], environment: Mapping[str, str]) -> ForkedServer:
+        server = self._shared.start(program, arguments, environment)
+        self._started.append(server)
+        return server
+
+    def end(self) -> None:
+        for server in self._started:
+            if server.returncode is None and server.pid:
+                server.kill()
+
+
+class _Lender:
+    def __init__(self) -> None:
+        self._shared: _Lasting | None = None
+
+    def lend(self) -> ForkedServers:
+        if self._shared is None or self._shared.gone:
+            self.end()
+            self._shared = _Lasting()
+        return _OfASession(self._shared)
+
+    def end(self) -> None:
+        if self._shared is not None:
+            self._shared.end_at_last()
+
+
+@contextmanager
+def shared_fork_server() -> Iterator[None]:
+    """Sessions that are opened meanwhile start their servers by it. It begins with the first of them."""
+    lender = _Lender()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(local, "forked_servers", lender.lend)
+        yield
+    lender.end()
