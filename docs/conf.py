@@ -29,7 +29,7 @@ autodoc_member_order = "bysource"
 python_use_unqualified_type_names = True
 
 # Typed from top to bottom, one page after the other, in one folder: a reader who follows the site has the same files.
-TYPED = ("start/tour.md", "howto/fog.md", "howto/movie.md", "howto/batch.md", "howto/large.md")
+TYPED = ("start/tour.md", "start/glossary.md", "howto/fog.md", "howto/movie.md", "howto/batch.md", "howto/large.md")
 MADE = HERE / "made"
 LIMIT = 600  # seconds for a block of commands
 
