@@ -7,6 +7,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 from volsplat.bench.hosts.namespaces import Host, lab
 from volsplat.client.session.session import Session
@@ -17,11 +18,16 @@ from volsplat.protocol.wire.tokens import Token, new_token
 
 @contextmanager
 def cluster_of_hosts(
-    path: str, workers: int, splat_servers: int, bits_per_second: float, say: Callable[[str], None]
+    path: str,
+    workers: int,
+    splat_servers: int,
+    bits_per_second: float,
+    say: Callable[[str], None],
+    trace: Path | None = None,
 ) -> Iterator[Session]:
     """The volume held by so many hosts with a map/shade server and others with a splat server; the client has its own.
 
-    Raises BadInput where there can be no lab.
+    `trace`: see Session. Raises BadInput where there can be no lab.
     """
     token = new_token()
     with lab(1 + workers + splat_servers, bits_per_second) as (client, *hosts):
@@ -33,6 +39,7 @@ def cluster_of_hosts(
             listen=listen,
             spawn=False,
             token=token,
+            trace=trace,
             on_progress=say,
         ) as session:
             programs = [Program.MAPSHADE_SERVER] * workers + [Program.SPLAT_SERVER] * splat_servers

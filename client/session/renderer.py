@@ -16,6 +16,7 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import ImageRead, ProbedVoxel
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 PARTIAL_INTERVAL = 0.1  # seconds between partial images
+SOONER = 0.2  # of that interval, after which slabs are looked at until the first of them show anything
 FILE_SECONDS = 2.0  # that a voxel of the file is waited for
 ALL_STEPS = tuple(Step)
 
@@ -59,6 +61,31 @@ class Refinement:
         return self.outcome is not None
 
 
+class PartialPace:
+    """When a step that is being drawn is looked at, and whether what is seen is worth showing.
+
+    Step G shows slab by slab, from the front: its first slabs should be seen soon, and nothing is no news.
+    """
+
+    def __init__(self, step: Step, interval: float | None) -> None:
+        """None: never."""
+        self._interval = interval
+        self._waits_for_slabs = step not in PAPER_STEPS
+
+    @property
+    def patience(self) -> float | None:
+        """Seconds until the next look."""
+        if self._interval is None:
+            return None
+        return self._interval * (SOONER if self._waits_for_slabs else 1.0)
+
+    def shows(self, published: PublishedImage, undrawn: tuple[Rectangle, ...] = ()) -> bool:
+        """Whether this, which was seen now, is to be shown."""
+        if self._waits_for_slabs and (undrawn or published.pixels[..., 3].any()):
+            self._waits_for_slabs = False
+        return not self._waits_for_slabs
+
+
 class Finisher(Protocol):
     """What draws finished images of a volume."""
 
@@ -84,7 +111,7 @@ class Renderer(Finisher, Protocol):
         first: Step = Step.A,
         exact: Collection[Step] = ALL_STEPS,
     ) -> Iterator[Refinement]:
-        """The steps `first` to `last`, each finished image and the partial images between.
+        """The steps `first` to `last`, each finished image and the partial images between; of G the first one sooner.
 
         Finished images of the `exact` steps keep each bit; what is only looked at may come with 8 bits a channel.
         """

@@ -75,6 +75,7 @@ from volsplat.client.session.renderer import (
     ALL_STEPS,
     FILE_SECONDS,
     PARTIAL_INTERVAL,
+    PartialPace,
     Refinement,
     StepOutcome,
     refined,
@@ -281,8 +282,9 @@ class Session:
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
-        Finished images of the `exact` steps keep each bit. By a slow link all others, and partial images, come with
-        8 bits a channel, which look the same.
+        The first partial image of step G comes as soon as its first slabs show anything. Finished images of the `exact`
+        steps keep each bit. By a slow link all others, and partial images, come with 8 bits a channel, which look the
+        same.
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
@@ -324,15 +326,18 @@ class Session:
     def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         started = time.perf_counter()
-        patience = partial_interval
+        pace = PartialPace(step, partial_interval)
+        patience = pace.patience
         try:
             while (answer := next_image(answers, patience)) is None or answer.outcome is None:
                 if answer is None:
                     self._events.put(PartialImageAsked(frame))
                     patience = None  # one request at a time: its image or the finished one will come
                 else:
-                    yield Refinement(step, _published(answer), None, answer.missing)
-                    patience = partial_interval
+                    published = _published(answer)
+                    if pace.shows(published, answer.missing):
+                        yield Refinement(step, published, None, answer.missing)
+                    patience = pace.patience
         finally:
             # Also if the caller stopped asking for more images: then nobody need draw on.
             self._frames.forget(frame)

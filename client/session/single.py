@@ -40,7 +40,15 @@ from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
-from volsplat.client.session.renderer import ALL_STEPS, FILE_SECONDS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
+from volsplat.client.session.renderer import (
+    ALL_STEPS,
+    FILE_SECONDS,
+    PARTIAL_INTERVAL,
+    PartialPace,
+    Refinement,
+    StepOutcome,
+    refined,
+)
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.single_frame import note_frame
@@ -238,14 +246,16 @@ class SingleProcess:
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         began = shown = time.perf_counter()
+        pace = PartialPace(step, partial_interval)
         request, assembly = self._begun(scene, step)
         planned = time.perf_counter()
         heard = self._news.rung
         while not assembly.splat.complete:
-            until_partial = shown + partial_interval - time.perf_counter()
+            until_partial = shown + (pace.patience or 0.0) - time.perf_counter()
             heard = self._news.wait(heard, min(max(until_partial, 0.0), LOOK_SECONDS))
             if until_partial <= 0.0:
-                yield Refinement(step, _published(assembly), None)
+                if pace.shows(published := _published(assembly)):
+                    yield Refinement(step, published, None)
                 if assembly.frame != self._frame:
                     raise Superseded
                 shown = time.perf_counter()

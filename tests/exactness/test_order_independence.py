@@ -120,6 +120,21 @@ def test_image_is_the_same_for_slices_along_any_axis(workers: int, axis: int, or
         assert torch.equal(rendered(VALUES, geometry, scene, step, workers=holdings, arrival=Random(workers)), expected)
 
 
+@pytest.mark.parametrize("kernel", [SlabKernel.KAISER_BESSEL, SlabKernel.QUASI_INTERPOLATING])
+@pytest.mark.parametrize("sheets", [0, 1, 2])
+def test_the_same_voxels_are_needed_in_a_large_sub_cube_as_in_small_ones(sheets: int, kernel: SlabKernel) -> None:
+    """What a server finds some rows at a time; towards other sub-cubes it takes all that may be needed."""
+    values = shells(SIZE).repeat(3, 5, 3)[:36, :70, :40]
+    values[20, 33, 30:34] = torch.nan
+    geometry = Geometry((40, 70, 36))
+    rotation = ((0.1, 0.7, 0.1, 0.7), (0.7, 0.1, 0.0, 0.7), (0.05, 0.1, 0.0, 1.0))[sheets]
+    scene = shaded_scene(View(rotation=rotation, zoom=1.3), (96, 96), Order.FRONT_TO_BACK)
+    scene = msgspec.structs.replace(scene, reconstruction=Reconstruction(slab_kernel=kernel))
+    holdings = handed_out(cut(geometry.box, Random(sheets), 9), 2, Random(1))
+    cut_up = rendered(values, geometry, scene, Step.G, workers=holdings)
+    assert cut_up.any() and torch.equal(rendered(values, geometry, scene, Step.G), cut_up)
+
+
 @pytest.mark.parametrize("step", [Step.A, Step.C, Step.F, Step.G])
 def test_workers_may_run_on_any_cpu_path(step: Step, restored_cpu_paths: None) -> None:
     geometry = Geometry(DIMS)

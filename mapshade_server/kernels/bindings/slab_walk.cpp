@@ -81,8 +81,8 @@ public:
                 need.before[axis] = low[axis] > 0;
                 need.behind[axis] = low[axis] + size[axis] < dims[axis];
             }
-            const nb::gil_scoped_release unlocked;
-            needed.push_back({low, size, kept->rows_along(axes[2], need, packets.data())});
+            needed.push_back({low, size, packets.data(), kept->rows_along(axes[2], need)});
+            packets_.push_back(packets);
         }
         walk_ =
             std::make_unique<SlabWalk>(plan, std::move(needed), lines, closed_tiles_ ? closed_tiles_->data() : nullptr,
@@ -94,6 +94,7 @@ public:
 
 private:
     std::optional<TileArray> closed_tiles_;
+    std::vector<PacketArray> packets_;
     std::unique_ptr<SlabWalk> walk_;
     std::vector<std::unique_ptr<SlabWalker>> walkers_;
 };

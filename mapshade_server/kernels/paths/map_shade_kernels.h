@@ -191,6 +191,11 @@ struct MapShadeKernels {
     Kernel<void(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
                 const QuantisationNumbers& numbers, std::uint32_t* packets)>
         pack;
+
+    // Each becomes the lesser of itself and its counterpart elsewhere.
+    Kernel<void(const std::uint8_t* other, std::size_t n, std::uint8_t* bytes)> least;
+
+    Kernel<void(const std::uint8_t* other, std::size_t n, std::uint8_t* bytes)> greatest;
 };
 
 // Those of the CPU path in use.
@@ -216,6 +221,8 @@ FunctionOf<&MapShadeKernels::opacity_codes> opacity_codes;
 FunctionOf<&MapShadeKernels::gradient> gradient;
 FunctionOf<&MapShadeKernels::survey> survey;
 FunctionOf<&MapShadeKernels::pack> pack;
+FunctionOf<&MapShadeKernels::least> least;
+FunctionOf<&MapShadeKernels::greatest> greatest;
 
 }  // namespace volsplat::VOLSPLAT_PATH
 #endif

@@ -19,6 +19,8 @@ extern constinit const MapShadeKernels kMapShadeKernels = {
     .gradient = gradient,
     .survey = survey,
     .pack = pack,
+    .least = least,
+    .greatest = greatest,
 };
 
 }  // namespace volsplat::VOLSPLAT_PATH

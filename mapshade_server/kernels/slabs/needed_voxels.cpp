@@ -4,28 +4,28 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <limits>
-#include <stdexcept>
 #include <vector>
 
 #include "kernels/compiler.h"
 #include "kernels/packet_layout.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
 
 namespace volsplat {
 
 namespace {
 
-constexpr std::int64_t kLongest = std::numeric_limits<std::uint16_t>::max() + 1;
 constexpr std::uint8_t kDensest = 255;
 
-typedef std::vector<std::uint8_t> Bytes;
-
 struct Least {
-    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return a < b ? a : b; }
+    static void of(const std::uint8_t* other, std::size_t n, std::uint8_t* bytes) {
+        map_shade_kernels().least(other, n, bytes);
+    }
 };
 
 struct Greatest {
-    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return a < b ? b : a; }
+    static void of(const std::uint8_t* other, std::size_t n, std::uint8_t* bytes) {
+        map_shade_kernels().greatest(other, n, bytes);
+    }
 };
 
 std::int64_t distance(const Index3& size, int axis) { return axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1]; }
@@ -33,18 +33,15 @@ std::int64_t distance(const Index3& size, int axis) { return axis == 0 ? 1 : axi
 // Each becomes the extreme of what lies up to `shift` away along the axis, if it was that of itself and its neighbours.
 template <class Extreme>
 void widen(const Bytes& from, Bytes& to, const Index3& size, int axis, std::int64_t shift) {
-    const Extreme extreme;
     const std::int64_t step = distance(size, axis), line = step * size[axis], count = from.size();
     const std::int64_t inner = shift * step;
     for (std::int64_t begin = 0; begin < count; begin += line) {
         const std::uint8_t* in = from.data() + begin;
         std::uint8_t* out = to.data() + begin;
         std::copy(in, in + line, out);
-        if (inner >= line) {
-            continue;
-        }
-        for (std::int64_t n = 0; n < line - inner; ++n) out[n] = extreme(out[n], in[n + inner]);
-        for (std::int64_t n = inner; n < line; ++n) out[n] = extreme(out[n], in[n - inner]);
+        if (inner >= line) continue;
+        Extreme::of(in + inner, line - inner, out);
+        Extreme::of(in, line - inner, out + inner);
     }
 }
 
@@ -73,7 +70,6 @@ public:
     }
 
     void take(std::int64_t k, const std::uint8_t* sheet) {
-        const Extreme extreme;
         const std::int64_t length = size_[0];
         std::copy_n(sheet, length * size_[1], at(k, 0));
         for (std::int64_t shift = 1; shift <= reach_; ++shift)
@@ -81,10 +77,9 @@ public:
                 const std::uint8_t *const in = sheet + j * length, *const before = at(k, shift - 1) + j * length;
                 std::uint8_t* const out = at(k, shift) + j * length;
                 std::copy_n(before, length, out);
-                VOLSPLAT_INDEPENDENT
-                for (std::int64_t n = 0; n < length - shift; ++n) out[n] = extreme(out[n], in[n + shift]);
-                VOLSPLAT_INDEPENDENT
-                for (std::int64_t n = shift; n < length; ++n) out[n] = extreme(out[n], in[n - shift]);
+                if (shift >= length) continue;
+                Extreme::of(in + shift, length - shift, out);
+                Extreme::of(in, length - shift, out + shift);
             }
     }
 
@@ -101,7 +96,6 @@ private:
 // The extremes of all that a shape holds, which is put around each.
 template <class Extreme>
 void widen(Bytes& bytes, const Index3& size, const std::vector<std::vector<std::int64_t>>& shape) {
-    const Extreme extreme;
     std::int64_t reach = 0;
     for (const auto& row : shape) reach = std::max(reach, *std::max_element(row.begin(), row.end()));
     const auto last_k = static_cast<std::int64_t>(shape.size()) - 1;
@@ -120,8 +114,7 @@ void widen(Bytes& bytes, const Index3& size, const std::vector<std::vector<std::
                     sheets.at(other, row[std::abs(j)]) + std::max<std::int64_t>(j, 0) * size[0];
                 std::uint8_t* const to = out + std::max<std::int64_t>(-j, 0) * size[0];
                 const std::int64_t count = sheet - std::abs(j) * size[0];
-                VOLSPLAT_INDEPENDENT
-                for (std::int64_t n = 0; n < count; ++n) to[n] = extreme(to[n], in[n]);
+                Extreme::of(in, count, to);
             }
         }
     }
@@ -134,15 +127,20 @@ void widen(Bytes& bytes, const Index3& size, const Neighbourhood& neighbourhood)
     widen<Extreme>(bytes, size, neighbourhood.shape);
 }
 
-// For each density the least one from it on that can be seen; 256 if there is none.
-std::array<int, 256> next_visible(const Need& need) {
-    std::array<int, 256> next;
-    int found = 256;
-    for (int density = kDensest; density >= 0; --density) {
-        if (need.visible[density / 64] >> (density % 64) & 1) found = density;
-        next[density] = found;
+struct Densities {
+    std::uint8_t first, last;
+};
+
+// Those that can be seen, as ranges.
+std::vector<Densities> visible_densities(const Need& need) {
+    std::vector<Densities> ranges;
+    for (int density = 0; density <= kDensest; ++density) {
+        if (!(need.visible[density / 64] >> (density % 64) & 1)) continue;
+        const auto seen = static_cast<std::uint8_t>(density);
+        if (ranges.empty() || ranges.back().last + 1 < density) ranges.push_back({seen, seen});
+        ranges.back().last = seen;
     }
-    return next;
+    return ranges;
 }
 
 // All but what lies within a box.
@@ -171,57 +169,74 @@ void overshoot(Bytes& least, Bytes& greatest, const Bytes& edge, const Need& nee
     }
 }
 
-// Where voxels around have no data, or lie outside of the volume.
-Bytes edges(const std::uint32_t* packets, const Index3& size, const Need& need) {
-    Bytes found(size[0] * size[1] * size[2]);
-    for (std::size_t n = 0; n < found.size(); ++n) found[n] = packets[n] >> kNoDataBit;
-    widen<Greatest>(found, size, need.look);
-    const Index3 look = need.look.reach();
+// What lies beyond a part's side: the rest of its box, another box, or nothing.
+struct Sides {
+    std::array<bool, 3> others_before, others_behind;
+    std::array<bool, 3> nothing_before, nothing_behind;
+};
+
+Sides sides_of(const Part& part, const Index3& size, const Need& need) {
+    Sides sides;
+    for (int axis = 0; axis < 3; ++axis) {
+        const bool first = part.low[axis] == 0, last = part.low[axis] + part.size[axis] == size[axis];
+        sides.others_before[axis] = first && need.before[axis];
+        sides.others_behind[axis] = last && need.behind[axis];
+        sides.nothing_before[axis] = first && !need.before[axis];
+        sides.nothing_behind[axis] = last && !need.behind[axis];
+    }
+    return sides;
+}
+
+// What is so near to these sides.
+void mark_near(Bytes& marks, const Index3& size, const Index3& near, const std::array<bool, 3>& before,
+               const std::array<bool, 3>& behind) {
     Index3 begin, end;
     for (int axis = 0; axis < 3; ++axis) {
-        begin[axis] = need.before[axis] ? 0 : look[axis];
-        end[axis] = size[axis] - (need.behind[axis] ? 0 : look[axis]);
+        begin[axis] = before[axis] ? std::min(near[axis], size[axis]) : 0;
+        end[axis] = size[axis] - (behind[axis] ? near[axis] : 0);
     }
-    mark_outside(found, size, begin, end);
+    mark_outside(marks, size, begin, end);
+}
+
+// Of its packets, row by row of the part.
+template <class Take>
+void each_row(const std::uint32_t* packets, const Index3& size, const Part& part, const Take& take) {
+    std::size_t n = 0;
+    for (std::int64_t k = 0; k < part.size[2]; ++k)
+        for (std::int64_t j = 0; j < part.size[1]; ++j, n += part.size[0])
+            take(packets + ((part.low[2] + k) * size[1] + part.low[1] + j) * size[0] + part.low[0], n);
+}
+
+// Where voxels around have no data, or lie outside of the volume.
+Bytes edges(const Bytes& no_data, const Part& part, const Sides& sides, const Need& need) {
+    Bytes found = no_data;
+    widen<Greatest>(found, part.size, need.look);
+    mark_near(found, part.size, need.look.reach(), sides.nothing_before, sides.nothing_behind);
     return found;
 }
 
 // Where the densities around enclose one that can be seen.
-Bytes showing(const std::uint32_t* packets, const Index3& size, const Need& need) {
-    const std::size_t count = size[0] * size[1] * size[2];
+Bytes showing(const std::uint32_t* packets, const Index3& size, const Part& part, const Sides& sides, const Need& need,
+              const Bytes& no_data) {
+    const std::size_t count = no_data.size();
     Bytes least(count), greatest(count);
-    for (std::size_t n = 0; n < count; ++n) {
-        const bool no_data = packets[n] >> kNoDataBit;
-        const auto density = static_cast<std::uint8_t>(packets[n]);
-        least[n] = no_data ? kDensest : density;
-        greatest[n] = no_data ? 0 : density;
+    each_row(packets, size, part, [&](const std::uint32_t* row, std::size_t first) {
+        for (std::int64_t n = 0; n < part.size[0]; ++n) {
+            const auto density = static_cast<std::uint8_t>(row[n]);
+            const auto lacking = static_cast<std::uint8_t>(-no_data[first + n]);  // all bits of it, or none
+            least[first + n] = density | lacking;
+            greatest[first + n] = density & ~lacking;
+        }
+    });
+    widen<Least>(least, part.size, need.look);
+    widen<Greatest>(greatest, part.size, need.look);
+    if (need.overshoot > 0) overshoot(least, greatest, edges(no_data, part, sides, need), need);
+    Bytes found(count);
+    for (const Densities& seen : visible_densities(need)) {
+        VOLSPLAT_INDEPENDENT
+        for (std::size_t n = 0; n < count; ++n) found[n] |= least[n] <= seen.last && greatest[n] >= seen.first;
     }
-    widen<Least>(least, size, need.look);
-    widen<Greatest>(greatest, size, need.look);
-    if (need.overshoot > 0) overshoot(least, greatest, edges(packets, size, need), need);
-    const std::array<int, 256> next = next_visible(need);
-    for (std::size_t n = 0; n < count; ++n) greatest[n] = next[least[n]] <= greatest[n];
-    return greatest;
-}
-
-// What lies so near to a face that it may be needed for what is beyond.
-void add_faces(Bytes& needed, const Index3& size, const Need& need) {
-    Index3 begin, end;
-    const Index3 look = need.look.reach(), spread = need.spread.reach();
-    for (int axis = 0; axis < 3; ++axis) {
-        const std::int64_t near = look[axis] + spread[axis];
-        begin[axis] = need.before[axis] ? near : 0;
-        end[axis] = size[axis] - (need.behind[axis] ? near : 0);
-    }
-    mark_outside(needed, size, begin, end);
-}
-
-Bytes needed_of(const std::uint32_t* packets, const Index3& size, const Need& need) {
-    Bytes needed = showing(packets, size, need);
-    widen<Greatest>(needed, size, need.spread);
-    add_faces(needed, size, need);
-    for (std::size_t n = 0; n < needed.size(); ++n) needed[n] &= !(packets[n] >> kNoDataBit);
-    return needed;
+    return found;
 }
 
 }  // namespace
@@ -236,52 +251,23 @@ Index3 Neighbourhood::reach() const {
     return found;
 }
 
-NeededRows::NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis)
-    : size_(size), low_(axis == 0 ? 1 : 0), high_(axis == 2 ? 1 : 2) {
-    const int low = low_, high = high_;
-    const std::size_t rows = size[low] * size[high];
-    const std::int64_t along = distance(size, axis), across = distance(size, low), up = distance(size, high);
-    // Whichever axis it is, memory is read in its order
-    const auto each = [&](auto&& take) {
-        for (std::int64_t h = 0; h < size[high]; ++h) {
-            if (axis == 0) {
-                for (std::int64_t l = 0; l < size[low]; ++l)
-                    for (std::int64_t n = 0; n < size[axis]; ++n) take(h * size[low] + l, n, h * up + l * across + n);
-            } else {
-                for (std::int64_t n = 0; n < size[axis]; ++n)
-                    for (std::int64_t l = 0; l < size[low]; ++l) take(h * size[low] + l, n, h * up + n * along + l);
-            }
-        }
-    };
-    begins_ = large_array<std::uint64_t>(rows + 2);
-    std::fill(begins_.get(), begins_.get() + rows + 2, 0);
-    std::uint64_t* const after = begins_.get() + 2;
-    each([&](std::size_t row, std::int64_t, std::size_t place) { after[row] += needed[place]; });
-    for (std::size_t row = 1; row < rows; ++row) after[row] += after[row - 1];
-    const std::uint64_t count = rows ? after[rows - 1] : 0;
-    voxels_ = large_array<NeededVoxel>(count + 1);
-    // From now on the place before a row's end is where its next voxel goes
-    std::uint64_t* const next = begins_.get() + 1;
-    each([&](std::size_t row, std::int64_t n, std::size_t place) {
-        if (!needed[place]) return;
-        voxels_[next[row]++] = {static_cast<std::uint16_t>(n), static_cast<std::uint8_t>(packets[place])};
+Bytes needed_marks(const std::uint32_t* packets, const Index3& size, const Part& part, const Need& need) {
+    const Sides sides = sides_of(part, size, need);
+    Bytes no_data(part.size[0] * part.size[1] * part.size[2]);
+    each_row(packets, size, part, [&](const std::uint32_t* row, std::size_t first) {
+        for (std::int64_t n = 0; n < part.size[0]; ++n) no_data[first + n] = row[n] >> kNoDataBit;
     });
+    Bytes needed = showing(packets, size, part, sides, need, no_data);
+    widen<Greatest>(needed, part.size, need.spread);
+    // What lies so near to another box that it may be needed for what is beyond
+    mark_near(needed, part.size, need.reach(), sides.others_before, sides.others_behind);
+    for (std::size_t n = 0; n < needed.size(); ++n) needed[n] &= !no_data[n];
+    return needed;
 }
 
-NeededVoxels::NeededVoxels(const Index3& size) : size_(size) {
-    if (*std::max_element(size.begin(), size.end()) > kLongest)
-        throw std::invalid_argument("a sub-cube for slabs is 65536 voxels long at most");
-}
-
-std::shared_ptr<const NeededRows> NeededVoxels::rows_along(int axis, const Need& need, const std::uint32_t* packets) {
-    const std::lock_guard locked(mutex_);
-    if (!rows_ || axis != axis_ || need != need_) {
-        rows_.reset();
-        const Bytes needed = needed_of(packets, size_, need);
-        rows_ = std::make_shared<NeededRows>(packets, needed.data(), size_, axis);
-        axis_ = axis, need_ = need;
-    }
-    return rows_;
+Index3 Need::reach() const {
+    const Index3 looks = look.reach(), spreads = spread.reach();
+    return {looks[0] + spreads[0], looks[1] + spreads[1], looks[2] + spreads[2]};
 }
 
 }  // namespace volsplat

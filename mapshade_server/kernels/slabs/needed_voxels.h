@@ -1,5 +1,4 @@
-// The voxels of a box that a frame of slabs needs: all that the density may depend on wherever something can be seen,
-// kept from frame to frame in rows along one axis.
+// Which voxels of a box a frame of slabs needs: all that the density may depend on wherever something can be seen.
 //
 // A slab's densities lie between those of the voxels around it; with weights below 0, not far outside. So where the
 // least and the greatest of these enclose no density that can be seen, nothing is seen, and whatever of them is left
@@ -9,11 +8,8 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
-#include <mutex>
 #include <vector>
 
-#include "kernels/large_memory.h"
 #include "mapshade_server/kernels/source_volume.h"
 
 namespace volsplat {
@@ -38,48 +34,19 @@ struct Need {
     double overshoot, edge_overshoot;
     std::array<bool, 3> before, behind;  // whether the grid goes on beyond the box
 
+    // How far away a voxel may decide on whether another one is needed.
+    Index3 reach() const;
+
     bool operator==(const Need&) const = default;
 };
 
-// Of a voxel its position in the row and its density.
-struct NeededVoxel {
-    std::uint16_t position;
-    std::uint8_t density;
+struct Part {  // of a box
+    Index3 low, size;
 };
 
-// Rows along an axis, numbered by the other two, the lower one first.
-class NeededRows {
-public:
-    NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis);
+typedef std::vector<std::uint8_t> Bytes;
 
-    // The number of the row through a place in the box.
-    std::size_t row_at(const Index3& place) const { return place[high_] * size_[low_] + place[low_]; }
-    const NeededVoxel* begin(std::size_t row) const { return voxels_.get() + begins_[row]; }
-    const NeededVoxel* end(std::size_t row) const { return voxels_.get() + begins_[row + 1]; }
-
-private:
-    const Index3 size_;
-    const int low_, high_;  // the other two axes
-    LargeArray<std::uint64_t> begins_;
-    LargeArray<NeededVoxel> voxels_;
-};
-
-class NeededVoxels {
-public:
-    // Throws std::invalid_argument for a box whose rows positions cannot count.
-    explicit NeededVoxels(const Index3& size);
-
-    const Index3& size() const { return size_; }
-
-    // Those of the axis that was asked for last are kept. Any thread may ask.
-    std::shared_ptr<const NeededRows> rows_along(int axis, const Need& need, const std::uint32_t* packets);
-
-private:
-    const Index3 size_;
-    std::mutex mutex_;  // guards what follows
-    Need need_{};
-    int axis_ = -1;
-    std::shared_ptr<const NeededRows> rows_;
-};
+// 1 for each voxel of a part that is needed, as far as the part tells: right at that distance from where it was cut.
+Bytes needed_marks(const std::uint32_t* packets, const Index3& size, const Part& part, const Need& need);
 
 }  // namespace volsplat

@@ -161,9 +161,9 @@ void SlabWalker::deliver(const NeededBox& box, const Range& samples, Batch& batc
     const int axis = plan_.axes[2];
     const bool ascending = plan_.ascending[2];
     const std::int64_t one = index(2, samples.begin) - box.low[axis], other = index(2, samples.end - 1) - box.low[axis];
-    const std::size_t row = box.rows->row_at(place);
-    const NeededVoxel* const begin = from_position(box.rows->begin(row), box.rows->end(row), std::min(one, other));
-    const NeededVoxel* const end = from_position(begin, box.rows->end(row), std::max(one, other) + 1);
+    const NeededRow row = box.rows->row(place, box.packets);
+    const NeededVoxel* const begin = from_position(row.begin, row.end, std::min(one, other));
+    const NeededVoxel* const end = from_position(begin, row.end, std::max(one, other) + 1);
     if (begin == end) return;
 
     leave_out_hidden(begin, end, samples.begin - (ascending ? one : -one), batch);

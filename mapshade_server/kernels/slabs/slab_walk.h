@@ -11,7 +11,7 @@
 #include "mapshade_server/kernels/walk/regions.h"
 #include "mapshade_server/kernels/walk/sample_reach.h"
 #include "mapshade_server/kernels/walk/walk_plan.h"
-#include "needed_voxels.h"
+#include "needed_rows.h"
 
 namespace volsplat {
 
@@ -25,6 +25,7 @@ struct SlabPlan {
 
 struct NeededBox {
     Index3 low, size;
+    const std::uint32_t* packets;
     std::shared_ptr<const NeededRows> rows;  // along the samples' axis
 };
 
