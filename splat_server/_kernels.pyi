@@ -118,6 +118,9 @@ class SplatFrame:
     def rectangle(self) -> tuple[int, int, int, int]:
         """Left, top, width and height of what its regions are of the published image."""
 
+    def show(self, target: memoryview) -> None:
+        """The rectangle as it stands (see Owners.published), into memory of as many bytes."""
+
     @property
     def work(self) -> list[int]:
         """Packets whose run's middle lies in each row of tiles of the image. Once it is complete."""
@@ -164,10 +167,15 @@ class Owners:
         portion: int,
         edges: tuple[EdgeLayer, EdgeLayer] | None,
         walks: Sequence[Walk],
+        block: memoryview | None = None,
         news: Bell,
         all_wait: Bell,
     ) -> SplatFrame:
-        """Begin a frame on the image, which must be clear. Raises RuntimeError where a thread cannot be started."""
+        """Begin a frame on the image, which must be clear.
+
+        `block` is memory that its regions are published in as they become complete, as `published` has them; nobody
+        else may write to it until then. Raises RuntimeError where a thread cannot be started.
+        """
 
     def published(self, frame: SplatFrame) -> memoryview:
         """The frame's rectangle as it stands, edges included: rows of float32 RGBA, little endian, as bytes.

@@ -9,6 +9,7 @@ from volsplat.program.room_for_image import check_room_for_image
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Order
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.image_messages import RGBA_BYTES
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.regions import Region
@@ -67,12 +68,14 @@ class FrameAssembly:
         news: Bell,
         all_wait: Bell | None = None,
         walks: "Sequence[_kernels.Walk]" = (),
+        block: memoryview | None = None,
         traced: bool = False,
     ) -> None:
         """Have the owners splat what is pushed for these regions, and what `walks`, the first sources, hand out.
 
         `news` rings once the frame is complete or has failed, or has gone on since it was last asked how far it is;
-        `all_wait` when all regions wait for something to be pushed. `traced`: see `note_owners`.
+        `all_wait` when all regions wait for something to be pushed. The image is published in `block`, of
+        `published_bytes`, or in memory of its own. `traced`: see `note_owners`.
         """
         plan = self.plan
         self.lines = regions[0].begin, regions[-1].end
@@ -87,6 +90,7 @@ class FrameAssembly:
             portion=packets_at_once(self.pixels_per_packet),
             edges=self._edges,
             walks=walks,
+            block=block,
             news=news,
             all_wait=all_wait or news,
         )
@@ -95,9 +99,17 @@ class FrameAssembly:
         """Splat nothing more."""
         self._owners.cancel()
 
+    def published_bytes(self, regions: Sequence[Region]) -> int:
+        """What the image of these regions takes."""
+        return (regions[-1].end - regions[0].begin) * self.plan.width * RGBA_BYTES
+
     def published(self) -> memoryview:
         """The regions as they stand, edges included: rows of float32 RGBA, little endian, associated alpha."""
         return self._owners.published(self.splat)
+
+    def show(self, target: memoryview) -> None:
+        """As `published`, into memory of as many bytes."""
+        self.splat.show(target)
 
     @property
     def rows_of_tiles(self) -> slice:

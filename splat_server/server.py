@@ -74,6 +74,7 @@ class SplatServer:
         # Touched by the working thread alone.
         self._images_wanted: deque[messages.ReadImage] = deque()  # asked for while another was being sent
         self._assembly: FrameAssembly | None = None
+        self._block: memoryview | None = None  # that the client sees, and the assembly's image is published in
         self._request: messages.RenderFrame | None = None  # the assembly's
         self._spans = UNTRACED  # the assembly's
         self._newest_came = 0.0  # when the newest request of a frame did; the receiving thread's
@@ -266,11 +267,13 @@ class SplatServer:
         self._data_links.begin_frame()
         self._reached_told, self._lost = (0, 0), []
         self._drawing = False
-        self._assembly = None
+        self._assembly = self._block = None
         assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
         regions = regions_of(request.regions, self._client.id)
-        assembly.begin(regions, sum(request.workers.values()), self._news, self._readable, traced=request.traced)
-        self._assembly, self._request, self._drawing = assembly, request, True
+        block = self._outbox.images.target(assembly.published_bytes(regions))
+        sources = sum(request.workers.values())
+        assembly.begin(regions, sources, self._news, self._readable, block=block, traced=request.traced)
+        self._assembly, self._block, self._request, self._drawing = assembly, block, request, True
         planned = time.perf_counter()
         self._planning_seconds = planned - self._frame_began
         self._spans.note("requests", "wait for its turn", self._frame_came, self._frame_began)
@@ -302,12 +305,17 @@ class SplatServer:
         left, top, width, height = assembly.splat.rectangle
         complete = not self._drawing and not self._lost and assembly.splat.complete
         step = assembly.plan.step
-        pixels = assembly.published()
-        if (target := self._outbox.images.target(len(pixels))) is not None:
-            target[:] = pixels
-            pixels = target
         image = messages.ImageRead(frame, step, complete, left, top, width, height, messages.RawPixels())
+        pixels = self._block if complete and self._block is not None else self._shown(assembly, image.raw_bytes)
         self._outbox.post_image(image, pixels, exact=complete and request.exact, spans=self._spans)
+
+    def _shown(self, assembly: FrameAssembly, nbytes: int) -> memoryview:
+        """The image as it stands, in memory that the client sees if there is some."""
+        target = self._outbox.images.target(nbytes)
+        if target is None:
+            return assembly.published()
+        assembly.show(target)
+        return target
 
     # -- what other threads bring
 

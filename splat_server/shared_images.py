@@ -6,7 +6,7 @@ from volsplat.protocol.messages.image_messages import ImagesTaken, SharedPixels
 from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.protocol.wire.shared_memory import FilledBlocks
 
-BLOCKS = 4  # one that is drawn, one that the client shows, and two that it keeps
+BLOCKS = 5  # that of the frame, one that it is shown in meanwhile, one that the client shows, and two that it keeps
 
 log = logging.getLogger(__name__)
 

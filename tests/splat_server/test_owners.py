@@ -305,3 +305,30 @@ def test_a_turned_image_is_that_of_the_samples_with_x_and_y_exchanged(seed: int,
     runs = joined(sheets_of_dots(seed, 2))
     turned = splatted(mirrored(runs), TABLE, order, SIZE, True, even_regions(SIZE[0], 3), 2)
     assert torch.equal(turned, splatted(mirrored(runs), TABLE, order, SIZE[::-1]).transpose(0, 1))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_an_image_is_published_in_memory_that_is_given_and_shown_in_other_memory(turned: bool) -> None:
+    regions, sheets = [(12, 40), (40, 64)], sheets_of_dots(5, 3)
+    block, shown = (memoryview(bytearray(52 * 90 * 16)) for _ in range(2))
+    with owners(2) as made:
+        drawing = Drawing.begun(
+            made, SIZE[::-1] if turned else SIZE, TABLE, turned=turned, regions=regions, block=block
+        )
+        image = drawn(drawing, sheets)
+        drawing.frame.show(shown)
+        assert bytes(block) == bytes(shown) == image.numpy().tobytes() and any(block)
+        with pytest.raises(ValueError, match="another size"):
+            drawing.frame.show(shown[16:])
+        with pytest.raises(ValueError, match="another size"):
+            Drawing.begun(made, SIZE, TABLE, block=block)
+
+
+def test_memory_to_publish_in_is_let_go_of_with_the_next_frame() -> None:
+    block = bytearray(SIZE[0] * SIZE[1] * 16)
+    before = sys.getrefcount(block)
+    with owners() as made:
+        drawn(Drawing.begun(made, SIZE, TABLE, block=memoryview(block)), sheets_of_dots(1, 2))
+        assert sys.getrefcount(block) > before
+        drawn(Drawing.begun(made, SIZE, TABLE), [])
+        assert sys.getrefcount(block) == before

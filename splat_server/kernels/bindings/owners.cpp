@@ -30,6 +30,7 @@ namespace volsplat {
 namespace {
 
 typedef nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu> Bytes;
+typedef nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> Pixels;
 typedef std::pair<std::uint64_t, std::uint64_t> Counts;  // of runs and packets
 
 // Bytes that a batch costs beside its own, at most: objects, and the rounding of its buffer.
@@ -123,12 +124,20 @@ BatchSource* source_of(const nb::object& walk) {
     return static_cast<BatchSource*>(source);
 }
 
+float* floats_of(const Pixels& bytes) { return reinterpret_cast<float*>(bytes.data()); }
+
+PixelMemory memory_of(Pixels bytes) {
+    float* const floats = floats_of(bytes);
+    const std::size_t count = bytes.size() / sizeof(float);
+    return {std::shared_ptr<float[]>(LetGo::later(std::move(bytes)), floats), count};
+}
+
 std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<int, int>>& regions, nb::object reach,
                                   bool front_to_back, const std::array<std::uint64_t, 2>& thresholds,
                                   const std::array<std::uint64_t, 3>& counts, int sources, bool traced,
                                   std::uint64_t portion, std::optional<std::pair<nb::object, nb::object>> edges,
-                                  std::vector<nb::object> walks, std::shared_ptr<Bell> news,
-                                  std::shared_ptr<Bell> all_wait) {
+                                  std::vector<nb::object> walks, std::optional<Pixels> block,
+                                  std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait) {
     FrameTask task{{},
                    job_of(reach, front_to_back, thresholds),
                    {nullptr, nullptr},
@@ -142,8 +151,9 @@ std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<in
     for (const nb::object& walk : walks) task.walks.push_back(source_of(walk));
     if (edges) task.layers = {&nb::cast<const EdgeLayer&>(edges->first), &nb::cast<const EdgeLayer&>(edges->second)};
     task.keeps = LetGo::later(std::make_tuple(std::move(reach), std::move(edges), std::move(walks)));
+    PixelMemory published = block ? memory_of(std::move(*block)) : PixelMemory{};
     const nb::gil_scoped_release unlocked;
-    return owners.begin(std::move(task), std::move(news), std::move(all_wait));
+    return owners.begin(std::move(task), std::move(published), std::move(news), std::move(all_wait));
 }
 
 // A view of memory that `owner` keeps.
@@ -171,6 +181,14 @@ nb::object published(Owners& owners, SplatFrame& frame) {
         frame.show({block.get(), rectangle});
     }
     return block_view(block, rectangle);
+}
+
+void show(SplatFrame& frame, const Pixels& target) {
+    const Rectangle& rectangle = frame.block().rectangle;
+    if (target.size() != rectangle.floats() * sizeof(float))
+        throw std::invalid_argument("the memory to show in has another size than the regions");
+    const nb::gil_scoped_release unlocked;
+    frame.show({floats_of(target), rectangle});
 }
 
 std::tuple<int, int> image_size(const Owners& owners) {
@@ -261,6 +279,7 @@ void bind_owners(nb::module_& m) {
         .def_prop_ro("hidden_packets", &SplatFrame::hidden_packets)
         .def("reached", &reached)
         .def_prop_ro("rectangle", &rectangle)
+        .def("show", &show, "target"_a)
         .def_prop_ro("work", &SplatFrame::work)
         .def_prop_ro("seconds", &seconds)
         .def_prop_ro("spans", &spans)
@@ -272,8 +291,8 @@ void bind_owners(nb::module_& m) {
         .def_prop_ro("image_size", &image_size)
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a, "thresholds"_a,
-             "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "news"_a,
-             "all_wait"_a)
+             "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a,
+             "block"_a.none() = nb::none(), "news"_a, "all_wait"_a)
         .def("published", &published, "frame"_a)
         .def("cancel", &Owners::cancel, Unlocked())
         .def("close", &Owners::close, Unlocked());

@@ -38,11 +38,15 @@ void Owners::clear(int width, int height, bool turned) {
     image_->lay_out(turned);
 }
 
-std::shared_ptr<SplatFrame> Owners::begin(FrameTask task, std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait) {
+std::shared_ptr<SplatFrame> Owners::begin(FrameTask task, PixelMemory published, std::shared_ptr<Bell> news,
+                                          std::shared_ptr<Bell> all_wait) {
     if (frame_ || !image_) throw std::invalid_argument("the image is not clear");
     check(task, *image_, threads_);
+    const Rectangle rectangle = rectangle_of(*image_, {task.regions.front().begin, task.regions.back().end});
+    if (published.pixels && published.floats != rectangle.floats())
+        throw std::invalid_argument("the memory to publish in has another size than the regions");
     start(std::min<std::size_t>(std::max(task.regions.size(), task.walks.size()), threads_));
-    auto block = free_block(rectangle_of(*image_, {task.regions.front().begin, task.regions.back().end}));
+    auto block = published.pixels ? std::move(published.pixels) : free_block(rectangle);
     const auto frame = std::make_shared<SplatFrame>(std::move(task), image_, std::move(block),
                                                     FrameBells{bells_, std::move(news), std::move(all_wait)});
     set_frame(frame);

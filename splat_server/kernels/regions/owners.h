@@ -13,6 +13,11 @@
 
 namespace volsplat {
 
+struct PixelMemory {  // or none
+    std::shared_ptr<float[]> pixels;
+    std::size_t floats;
+};
+
 // One thread at a time may call.
 class Owners {
 public:
@@ -23,9 +28,11 @@ public:
     // Ends the frame before, and empties the image. Throws std::bad_alloc.
     void clear(int width, int height, bool turned);
     const std::shared_ptr<ImageMemory>& image() const { return image_; }
-    // Begins a frame on the image, which must be clear. Throws std::system_error if a thread cannot be started, and
-    // std::invalid_argument for regions that do not follow each other within the image.
-    std::shared_ptr<SplatFrame> begin(FrameTask task, std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait);
+    // Begins a frame on the image, which must be clear, to be published into the memory if some is given. Throws
+    // std::system_error if a thread cannot be started, and std::invalid_argument for regions that do not follow each
+    // other within the image, and for memory of another size.
+    std::shared_ptr<SplatFrame> begin(FrameTask task, PixelMemory published, std::shared_ptr<Bell> news,
+                                      std::shared_ptr<Bell> all_wait);
     // Splats nothing more of the frame, which stays as it is.
     void cancel();
     // A block of memory for a part of the image.

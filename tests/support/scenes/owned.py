@@ -55,6 +55,7 @@ class Drawing:
         portion: int = 1 << 17,
         edges: tuple[EdgeLayer, EdgeLayer] | None = None,
         budget: int = UNBOUNDED,
+        block: memoryview | None = None,
     ) -> Drawing:
         """On a clear image of this size as it is published. Without regions it is one."""
         owners.clear(*size, turned)
@@ -70,6 +71,7 @@ class Drawing:
             portion=portion,
             edges=edges,
             walks=(),
+            block=block,
             news=news,
             all_wait=news,
         )
