@@ -16,12 +16,11 @@ import msgspec
 from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import SCENE, headed
 from volsplat.client.image.image_formats import SCENE_HOLDERS
-from volsplat.client.scene.colour_maps import colormap
+from volsplat.client.scene.colour_maps import colormap, lit_and_glowing
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
-from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
@@ -185,8 +184,8 @@ def _colour_from_option(text: str) -> tuple[Any, ...]:
 
 def _map_from_option(name: str) -> tuple[Any, Any]:
     """The points of what glows and of what is lit. Raises BadInput."""
-    table = colormap(name)
-    return dimmed(table, GLOW).points, dimmed(table, REFLECTION).points
+    both = lit_and_glowing(colormap(name))
+    return both.emit.points, both.refl.points
 
 
 def _line_of(text: str) -> str:

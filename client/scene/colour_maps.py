@@ -5,43 +5,82 @@ from __future__ import annotations
 import difflib
 from importlib import import_module
 from importlib.util import find_spec
+from typing import NamedTuple
 
-from volsplat.program.extras import lacking
-from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable
+from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
+from volsplat.program.extras import need
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable
 from volsplat.protocol.text.errors import BadInput
 
 COLLECTIONS = {"cmr.": "cmasher", "cet_": "colorcet"}  # by the beginnings of their maps' names
 
 
+class ColourMapNames(NamedTuple):
+    """What is to be had here, and a line for each library that does not load."""
+
+    names: tuple[str, ...]
+    troubles: tuple[str, ...]
+
+
+class LitAndGlowing(NamedTuple):
+    """A colour map for what a surface emits and for what it reflects, which add up."""
+
+    emit: ColourTable
+    refl: ColourTable
+
+
 def colormap(name: str, low: float = 0.0, high: float = 1.0) -> ColourTable:
     """The colour map as a table, from its start at `low` to its end at `high` of the table. Raises BadInput."""
-    if find_spec("matplotlib") is None:
-        raise lacking("matplotlib", f"the colour map {name}", "bench")
+    need("matplotlib", f"the colour map {name}", "bench")
     import matplotlib
 
     for start, library in COLLECTIONS.items():
         if name.startswith(start):
-            _add_maps_of(library, name)
+            _add_maps_of(library, f"the colour map {name}")
     if name not in matplotlib.colormaps:
         near = difflib.get_close_matches(name, list(matplotlib.colormaps), 1)
         hint = f"; did you mean {near[0]}?" if near else "; matplotlib.colormaps lists them"
         raise BadInput(f"there is no colour map {name}{hint}")
     if not 0.0 <= low < high <= 1.0:
         raise BadInput(f"a colour map lies between low and high, within 0 and 1, not {low} and {high}")
+    points = [(low + (high - low) * place, colour) for place, colour in colours_along(name, TABLE_ENTRIES)]
+    return ColourTable(points=tuple(points))
+
+
+def colours_along(name: str, count: int) -> list[tuple[float, Colour]]:
+    """So many places of a colour map that is known, from 0 to 1, and its colours there."""
+    import matplotlib
+
     of = matplotlib.colormaps[name]
-    places = [n / (TABLE_ENTRIES - 1) for n in range(TABLE_ENTRIES)]
-    colours = [tuple(float(channel) for channel in of(place)[:3]) for place in places]
-    points = [(low + (high - low) * place, colour) for place, colour in zip(places, colours, strict=True)]
-    return ColourTable(points=tuple(points))  # type: ignore[arg-type]
+    places = [n / (count - 1) for n in range(count)]
+    return [(place, (float(r), float(g), float(b))) for place, (r, g, b, *_) in zip(places, of(places), strict=True)]
 
 
-def _add_maps_of(library: str, name: str) -> None:
+def lit_and_glowing(table: ColourTable) -> LitAndGlowing:
+    """The colours of a map for both tables of colours, such that nothing is lighter than the map itself."""
+    return LitAndGlowing(dimmed(table, GLOW), dimmed(table, REFLECTION))
+
+
+def colormap_names() -> ColourMapNames:
+    """All that `colormap` knows here. Raises BadInput without matplotlib."""
+    need("matplotlib", "a list of colour maps", "bench")
+    import matplotlib
+
+    troubles = []
+    for library in COLLECTIONS.values():
+        try:
+            if find_spec(library) is not None:
+                _add_maps_of(library, "a list of colour maps")
+        except BadInput as error:
+            troubles.append(str(error))
+    return ColourMapNames(tuple(sorted(matplotlib.colormaps, key=str.casefold)), tuple(troubles))
+
+
+def _add_maps_of(library: str, what: str) -> None:
     """Have matplotlib know them. Raises BadInput where they are not to be had."""
     if find_spec(library) is None:
-        raise BadInput(f"the colour map {name} is one of {library}, which is not installed; run pip install {library}")
+        raise BadInput(f"{what} is one of {library}, which is not installed; run pip install {library}")
     try:
         import_module(library)
-    except ImportError as error:
-        raise BadInput(
-            f"the colour map {name} needs {library}, which does not load ({error}); install it anew"
-        ) from None
+    except Exception as error:  # one that is made for another matplotlib ends in anything
+        raise BadInput(f"{what}: {library} does not load ({error}); install it anew") from error

@@ -13,6 +13,7 @@ from volsplat.client.ui.controls.controls import SceneEditor, title
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.tables.colour_map_menu import ColourMapList
 from volsplat.client.ui.tables.field_histograms import field_histogram
 from volsplat.client.ui.tables.preset_menu import OfferedPresets, PresetMenu
 from volsplat.client.ui.tables.table_editor import IndexedBy, TableEditor
@@ -33,7 +34,7 @@ from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.field_axis import field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import Scene, Tables
 from volsplat.protocol.description.scene_keys import TABLE_WORDS, why_unused
 
 STYLE = STATIC / "tables" / "table_editor.css"
@@ -72,6 +73,13 @@ class TablesPanel:
             ui.element("div").classes("vs-spread")
             self._undo = _icon_button("undo", "undo", lambda: self._model.undo(self._by("undo")))
             self._redo = _icon_button("redo", "redo", lambda: self._model.redo(self._by("redo")))
+            with (
+                ui.button("Colours", icon="gradient").props("flat dense no-caps").classes("vs-quiet-button") as colours
+            ):
+                colours.props["title"] = "colour maps by name"
+                with ui.menu().classes("vs-menu") as place:
+                    maps = ColourMapList(self._take_colours)
+                place.on("before-show", maps.fill)
             with ui.button("Presets", icon="palette").props("flat dense no-caps").classes("vs-quiet-button"):
                 with ui.menu().classes("vs-menu") as self._preset_place:
                     self._preset_menu = PresetMenu(self._presets, self._take_whole)
@@ -184,6 +192,9 @@ class TablesPanel:
             return replace(_with_table(scene, which, _table_of(preset, which)), cross_bar=cross_bar)
 
         self._model.change(taken, by=self._by(which))
+
+    def _take_colours(self, recoloured: Callable[[Tables], Tables]) -> None:
+        self._model.change(lambda scene: replace(scene, tables=recoloured(scene.tables)), by=self._by("colours"))
 
     def _take_whole(self, name: str) -> None:
         """All that a preset sets, which is neither view, bounds nor picture."""
