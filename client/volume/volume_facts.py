@@ -1,16 +1,17 @@
 """What is known of a volume, for programs: `volsplat info --json`."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.client.volume.volume_info import PERCENTILES
+from volsplat.client.volume.volume_info import PERCENTILES, TitledPart
 from volsplat.protocol.rules.index_rules import percentile
 
 
-def volume_facts(known: SurveyedVolume) -> dict[str, Any]:
+def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> dict[str, Any]:
     """Plain values, as JSON has them. Where no voxel has a value, `range`, `percentiles` and `histogram` are null."""
     told, survey = known.description, known.survey
     geometry, empty = told.geometry, survey.low > survey.high
@@ -40,6 +41,7 @@ def volume_facts(known: SurveyedVolume) -> dict[str, Any]:
         "window": known.automatic_window,
         "histogram": None if empty else {"low": survey.low, "high": survey.high, "counts": known.density_counts},
         "levels": [level.dims for level in known.prepared.levels] if known.prepared is not None else None,
+        "parts": [one._asdict() for one in parts],
         "notes": [*told.warnings, *known.notes()],
     }
     plain: dict[str, Any] = msgspec.to_builtins(facts)

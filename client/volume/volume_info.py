@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rich.console import Group
 from rich.table import Table
@@ -23,12 +25,20 @@ from volsplat.protocol.rules.levels import Prepared
 NOTE = "note"  # what a row is called that says what the reader had to change or assume
 HISTOGRAM_COLUMNS = 64
 HISTOGRAM_ROWS = 8
+MOST_PARTS = 16  # that are listed
 BLOCKS = " ▁▂▃▄▅▆▇█"
 PERCENTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
 OBLIQUE_DEGREES = 0.1  # below it an axis counts as aligned
 LETTERS = (("R", "L"), ("A", "P"), ("I", "S"))  # where a step along a grid axis leads, physical axes being LPS
 PLAIN_LETTERS = (("-x", "+x"), ("-y", "+y"), ("-z", "+z"))
+
+
+class TitledPart(NamedTuple):
+    """What names a part of the same file, after the `#`, and what it is."""
+
+    part: str
+    title: str
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,7 @@ class VolumeInfo:
     `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
     `window` is the density window that the servers will use, `strength_scale` their bytes per unit of strength;
     `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface;
-    `stands_up` which way is up.
+    `stands_up` which way is up; `parts` what else can be named of the same file.
     """
 
     description: VolumeDescription
@@ -50,9 +60,10 @@ class VolumeInfo:
     strength_scale: float = 0.0
     contour: Level | None = None
     stands_up: StandsUp | None = None
+    parts: Sequence[TitledPart] = ()
 
     @classmethod
-    def of(cls, known: SurveyedVolume) -> VolumeInfo:
+    def of(cls, known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> VolumeInfo:
         """With the window and the contour that the data chooses."""
         return cls(
             known.description,
@@ -64,6 +75,7 @@ class VolumeInfo:
             known.strength_scale,
             contour_level(known.subject()),
             known.stands_up,
+            parts,
         )
 
     def text(self) -> Group:
@@ -115,6 +127,9 @@ class VolumeInfo:
         )
         rows.append(("packet byte 2", description.strength_name + strength))
         rows.append(("servers read", _reading_text(description, self.prepared)))
+        rows += [("part", f"#{one.part}: {one.title}") for one in self.parts[:MOST_PARTS]]
+        if more := len(self.parts[MOST_PARTS:]):
+            rows.append(("part", f"and {more} more, which --json has"))
         rows += [(NOTE, warning) for warning in description.warnings]
         return rows
 

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
-from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
@@ -84,7 +84,7 @@ else:
     zarr_store = _Reader("zarr_arrays.zarr_store")
 
 
-Open = Callable[[Path, str], VolumeReader]  # given the part that is named, "" for none
+Open = Callable[[Path, str], OpenedVolume]  # given the part that is named, "" for none
 
 
 @dataclass(frozen=True)
@@ -137,9 +137,18 @@ FORMATS = (
         atoms.recognises,
         _packed_or_not(".pdb", ".ent", ".pqr"),
         gzip=True,
+        parts=True,
     ),
-    VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, _packed_or_not(".cif", ".mmcif"), gzip=True),
-    VolumeFormat("MTZ structure factors (.mtz)", structure_factors.open_mtz, structure_factors.recognises, gzip=True),
+    VolumeFormat(
+        "mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, _packed_or_not(".cif", ".mmcif"), gzip=True, parts=True
+    ),
+    VolumeFormat(
+        "MTZ structure factors (.mtz)",
+        structure_factors.open_mtz,
+        structure_factors.recognises,
+        gzip=True,
+        parts=True,
+    ),
     VolumeFormat(
         "CCP4/MRC map (.map, .mrc)",
         density_map.open_density_map,
@@ -177,7 +186,7 @@ FOLDER_FORMATS = (
 )
 
 
-def open_volume(name: str) -> VolumeReader:
+def open_volume(name: str) -> OpenedVolume:
     """The reader for the file, folder, URL or part of one that is named, chosen by its content.
 
     Raises BadInput if there is nothing, if the format is unknown, and if the header is not that of a
@@ -204,7 +213,7 @@ def format_of(path: Path, head: bytes) -> VolumeFormat | None:
     return next(by_content, None) or next(by_extension, None)
 
 
-def _opened(path: Path, part: str) -> VolumeReader:
+def _opened(path: Path, part: str) -> OpenedVolume:
     check_is_file(path)
     if path.is_dir():
         return next(one for one in FOLDER_FORMATS if one.recognises(path)).open(path, part)

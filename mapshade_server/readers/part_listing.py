@@ -2,7 +2,6 @@
 
 from volsplat.mapshade_server.readers.open_volume import open_volume
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
-from volsplat.protocol.description.volume_name import volume_name
 
 
 def parts_of(name: str) -> list[Part]:
@@ -14,4 +13,4 @@ def parts_of(name: str) -> list[Part]:
         reader = open_volume(name)
     except PartNeeded as needed:
         return list(needed.parts)
-    return [] if volume_name(name).part else list(getattr(reader, "parts", ()))
+    return list(reader.parts)

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from support.files.images import read_image
+from support.files.reflection_files import mtz
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import VOLSPLAT, Person
@@ -103,6 +104,17 @@ def test_info_tells_what_a_volume_is(person: Person, head: Path) -> None:
     done = person.runs("info", str(head))
     assert done.returncode == 0, done.stderr
     assert "32 x 40 x 36" in done.stdout and "uint16" in done.stdout and "█" in done.stdout
+
+
+def test_info_tells_what_else_can_be_named_of_a_file(person: Person) -> None:
+    mtz(person.folder / "refined.mtz", columns="FWT:F PHWT:P")
+    done = person.runs("info", "refined.mtz")
+    assert done.returncode == 0, done.stderr
+    assert "#map:FWT,PHWT" in done.stdout and "#amplitude:FWT" in done.stdout
+    parts = json.loads(person.runs("info", "refined.mtz", "--json").stdout)["parts"]
+    assert [one["part"] for one in parts][0] == "map:FWT,PHWT"
+    assert all(person.runs("info", f"refined.mtz#{one['part']}").returncode == 0 for one in parts[:2])
+    assert json.loads(person.runs("info", "refined.mtz#map", "--json").stdout)["parts"] == []
 
 
 def one_line(done: "subprocess.CompletedProcess[str]") -> str:

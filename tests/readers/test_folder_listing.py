@@ -13,6 +13,7 @@ import zarr
 from astropy.io import fits
 
 from support.files.dicom_files import numbered, series
+from support.files.reflection_files import mtz
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.readers import open_volume
@@ -191,6 +192,37 @@ def test_time_points_levels_and_cubes_are_parts(root: Path) -> None:
     assert [part for part, _ in parts(root, "brain.zarr")] == ["0", "1"]
     assert [part for part, _ in parts(root, "brain.zarr#1")] == ["1,c=0", "1,c=1"]
     assert parts(root, "brain.zarr#1,c=0") == []
+
+
+def test_what_can_be_made_of_reflections_and_atoms_are_parts(root: Path) -> None:
+    mtz(root / "refined.mtz", columns="FWT:F PHWT:P DELFWT:F PHDELWT:P I:J")
+    made = [part for part, _ in parts(root, "refined.mtz")]
+    assert made[:3] == ["map:FWT,PHWT", "map:DELFWT,PHDELWT", "patterson:FWT"] and "amplitude:I" in made
+    mtz(root / "intensities.mtz", columns="I:J")  # which nothing can be drawn of without a word
+    assert [part for part, _ in parts(root, "intensities.mtz")] == ["patterson:I", "amplitude:I"]
+    mtz(root / "unknown.mtz", columns="A:F PA:P B:F PB:P")
+    assert [part for part, _ in parts(root, "unknown.mtz") if part.startswith("map")] == [
+        "map:A,PA",
+        "map:A,PB",
+        "map:B,PA",
+        "map:B,PB",
+    ]
+    atom = "ATOM      1  CA  GLY A   1       1.000   2.000   3.000  1.00 10.00           C\n"
+    models = "".join(f"MODEL     {number:4}\n{atom}ENDMDL\n" for number in (1, 2))
+    (root / "two.pdb").write_text(f"{models}END\n", encoding="ascii")
+    assert [part for part, _ in parts(root, "two.pdb")] == ["density", "elements", "frequency", "amplitude", "model=2"]
+    for name in ("refined.mtz", "intensities.mtz", "unknown.mtz", "two.pdb"):
+        for part, _ in parts(root, name):
+            open_volume(f"{root / name}#{part}").describe()
+            assert parts(root, f"{name}#{part}") == []
+
+
+def test_arrays_of_vtk_are_parts_though_one_is_active(root: Path) -> None:
+    arrays = "".join(f"SCALARS {name} float 1\nLOOKUP_TABLE default\n{'0 ' * 8}\n" for name in ("a", "b"))
+    head = "# vtk DataFile Version 3.0\nmade\nASCII\nDATASET STRUCTURED_POINTS\n"
+    grid = "DIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n"
+    (root / "two.vtk").write_text(f"{head}{grid}POINT_DATA 8\n{arrays}", encoding="ascii")
+    assert parts(root, "two.vtk") == [("PointData/a", "of points"), ("PointData/b", "of points")]
 
 
 def test_parts_outside_of_the_root_are_not_told_and_what_is_damaged_is_refused(root: Path) -> None:

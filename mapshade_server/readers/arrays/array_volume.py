@@ -32,7 +32,7 @@ def array_volume(
     chunk: Index = (1, 1, 1),
     why_whole: str = "",
     files: Callable[[], Sequence[VolumeFile]] = tuple,
-    parts: Sequence[Part] = (),
+    parts: Sequence[Part],
 ) -> OpenedVolume:
     """The reader for an array whose numbers `pick` reads; `warnings` are those that its grid does not have."""
     description = VolumeDescription(
@@ -57,7 +57,7 @@ def array_volume(
         except MemoryError:
             raise no_room(part.place) from None
 
-    return OpenedVolume(description, read, files, parts)
+    return OpenedVolume(description, read, files, parts=parts)
 
 
 def is_one_chunk(grid: ArrayGrid, shape: Sequence[int], chunks: Sequence[int] | None) -> bool:

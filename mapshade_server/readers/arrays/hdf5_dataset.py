@@ -116,7 +116,7 @@ def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) ->
     )
 
     pick = _picks(Path(part.place), image.path)
-    return OpenedVolume(description, lambda box: values.of(pick(image.selection(box))))
+    return OpenedVolume(description, lambda box: values.of(pick(image.selection(box))), parts=image.parts)
 
 
 def _h5py() -> ModuleType:

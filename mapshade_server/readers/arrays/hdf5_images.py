@@ -37,6 +37,7 @@ class Hdf5Image:
     frame: int | None = None
     unit: str = ""
     anatomical: bool = False
+    parts: Sequence[Part] = ()  # that could be taken in its place
 
     def selection(self, box: Box) -> tuple[int | slice, ...]:
         """What to index the dataset with to have the voxels of `box`, as (k, j, i)."""
@@ -96,13 +97,20 @@ def _of_vtk(h5py: ModuleType, part: ArrayPart, group: Any) -> Hdf5Image:
     points = _vtk_grid(part, group)
     cells = grid_of_cells(Path(part.place), points)
     dataset = _vtk_array(part, arrays, 3 if steps is None else 4)
+    others = [one for one in arrays.values() if len(one.shape) == dataset.ndim]
     geometry = cells if dataset.parent.name.endswith("CellData") else points
     if tuple(dataset.shape[-3:]) != geometry.dims[::-1]:
         shown = " x ".join(str(n) for n in dataset.shape)
         raise BadInput(f"{part.whole}: {dataset.name} is {shown}, not as its extent has it; save it again")
     format_name = "VTKHDF image, values of cells" if geometry is cells else "VTKHDF image"
     frame = None if steps is None else _chosen(part, "t", dataset.shape[0], [])
-    return Hdf5Image(dataset.name, format_name, geometry, dataset.name.rpartition("/")[2], frame)
+    parts = [array_told(one.name, one.shape) for one in others] if _is_silent(part) and len(others) > 1 else ()
+    return Hdf5Image(dataset.name, format_name, geometry, dataset.name.rpartition("/")[2], frame, parts=parts)
+
+
+def _is_silent(part: ArrayPart) -> bool:
+    """Whether nobody named anything in the file."""
+    return not (part.path or part.options)
 
 
 def _vtk_grid(part: ArrayPart, group: Any) -> Geometry:
@@ -188,7 +196,20 @@ def _of_imaris(part: ArrayPart, file: Any) -> Hdf5Image:
         geometry=checked_geometry(Path(part.place), dims, np.diag(steps), origin),
         density_name=names[channel] if channel < len(names) and names[channel] else "density",
         unit=known.symbol if known else unit,
+        parts=() if named or "level" in part.options else _levels(part, file["DataSet"], levels, time, channel),
     )
+
+
+def _levels(part: ArrayPart, data: Any, count: int, time: int, channel: int) -> list[Part]:
+    """The resolutions of what is chosen already, the finest first; none if there is one."""
+    if count == 1:
+        return []
+    told = []
+    for level in range(count):
+        path = f"ResolutionLevel {level}/TimePoint {time}/Channel {channel}"
+        sizes = [_text(data[path].attrs[f"ImageSize{axis}"]) for axis in "XYZ"]
+        told.append(Part(part.with_option(f"level={level}"), f"level {level}, {' x '.join(sizes)}"))
+    return told
 
 
 def _numbered(group: Any, what: str) -> int:

@@ -50,6 +50,7 @@ def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
         density_name=text_attribute(variable.attributes, "long_name") or variable.name,
         value_unit=text_attribute(variable.attributes, "units"),
         warnings=[one.warning for one in coordinates],
+        parts=(),
     )
 
 

@@ -167,6 +167,7 @@ def _reader(part: ArrayPart, array: ArrayFile, pick: Pick, why_whole: str = "") 
         density_name=part.path or "density",
         chunk=_chunk(grid, array),
         why_whole=why_whole,
+        parts=(),
     )
 
 

@@ -58,7 +58,7 @@ def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
         warnings=(warning,) if dtype.itemsize > 1 and endian is None else (),
         **voxels.access,
     )
-    return OpenedVolume(description, voxels.read)
+    return OpenedVolume(description, voxels.read, parts=())
 
 
 def _said(path: Path, part: str) -> ArrayPart:

@@ -24,7 +24,7 @@ def open_shared_array(path: Path, part: str) -> OpenedVolume:
     piece = Piece(path, dims[2], offset)
     voxels = StoredVoxels(path, dims, np.dtype(description.scalar_type), (piece,))
     voxels.check_files()
-    return OpenedVolume(msgspec.structs.replace(description, **voxels.access), voxels.read, voxels.files)
+    return OpenedVolume(msgspec.structs.replace(description, **voxels.access), voxels.read, voxels.files, parts=())
 
 
 def _told(path: Path) -> SharedArray:

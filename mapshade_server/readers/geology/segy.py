@@ -137,7 +137,7 @@ def open_segy(path: Path, part: str) -> OpenedVolume:
         density_name="amplitude",
         up="+z",  # time and depth grow downwards
     )
-    return OpenedVolume(description, _Survey(source, grid, description.scalar_type).read)
+    return OpenedVolume(description, _Survey(source, grid, description.scalar_type).read, parts=())
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def open_analyze(path: Path, part: str) -> OpenedVolume:
         warnings=(NO_SIDES,),
         **voxels.access,
     )
-    return OpenedVolume(description, voxels.read, voxels.files)
+    return OpenedVolume(description, voxels.read, voxels.files, parts=())
 
 
 def _text(raw: bytes) -> str:

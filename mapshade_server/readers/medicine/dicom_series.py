@@ -227,7 +227,7 @@ def _opened(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] 
         warnings=(*warnings, *stack.warnings),
     )
     paths = [frame.pixels.path for frame in stack.frames]
-    return OpenedVolume(description, partial(stack.read, description.scalar_type), lambda: disk_files(paths))
+    return OpenedVolume(description, partial(stack.read, description.scalar_type), lambda: disk_files(paths), parts=())
 
 
 def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -> tuple[dicom_stack.Name, list[Frame]]:

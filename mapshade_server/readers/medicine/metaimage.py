@@ -93,8 +93,8 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         why_whole=why_whole,
     )
     if text:
-        return OpenedVolume(description, lambda box: extracted(path, reader, box))
-    return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files)
+        return OpenedVolume(description, lambda box: extracted(path, reader, box), parts=())
+    return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files, parts=())
 
 
 def _unit(fields: dict[str, str], anatomical: bool) -> str:

@@ -49,7 +49,7 @@ def open_mgh(path: Path, part: str) -> OpenedVolume:
         warnings=() if placed else (NO_PLACE,),
         **voxels.access,
     )
-    return OpenedVolume(description, voxels.read)
+    return OpenedVolume(description, voxels.read, parts=())
 
 
 def _geometry(path: Path, dims: Index, raw: bytes) -> Geometry:

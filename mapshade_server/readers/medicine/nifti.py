@@ -75,7 +75,7 @@ def open_nifti(path: Path, part: str = "") -> OpenedVolume:
     def read(box: Box) -> Voxels:
         return (voxels.read(box).astype(np.float64) * slope + intercept).astype(scaled_type)
 
-    return OpenedVolume(description, read if scaled else voxels.read, voxels.files)
+    return OpenedVolume(description, read if scaled else voxels.read, voxels.files, parts=())
 
 
 def _kind(path: Path, header: NiftiHeader) -> tuple[Kind, str]:

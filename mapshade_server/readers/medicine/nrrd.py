@@ -124,7 +124,7 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
     if encoding in TEXT_ENCODINGS:
         if axes.frames > 1:
             raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
-        return OpenedVolume(description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box))
+        return OpenedVolume(description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box), parts=())
     if encoding not in PACKINGS:
         raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
     order = BYTE_ORDERS.get(header.fields.get("endian", "").lower())
@@ -142,7 +142,7 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
         every = voxels.read(Box((i0 * axes.frames, j0, k0), (i1 * axes.frames, j1, k1)))
         return every[:, :, frame :: axes.frames].copy()
 
-    return OpenedVolume(description, read, voxels.files)
+    return OpenedVolume(description, read, voxels.files, parts=())
 
 
 def _axes(header: NrrdHeader) -> _Axes:

@@ -85,7 +85,7 @@ def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
             voxels[n] = rows[:, box.low[0] : box.high[0], channel]
         return voxels
 
-    return OpenedVolume(description, read, lambda: disk_files(paths))
+    return OpenedVolume(description, read, lambda: disk_files(paths), parts=())
 
 
 def _told(path: Path) -> _Picture:

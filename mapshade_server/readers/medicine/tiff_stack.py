@@ -234,7 +234,7 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
             return raw.read(box).astype(scalar_type, copy=False)
         return _decoded(pages, box, scalar_type)
 
-    return OpenedVolume(description, read, lambda: disk_files([page.path for page in pages]))
+    return OpenedVolume(description, read, lambda: disk_files([page.path for page in pages]), parts=())
 
 
 def _decoded(pages: Sequence[TiffPage], box: Box, scalar_type: str) -> Voxels:

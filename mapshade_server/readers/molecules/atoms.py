@@ -30,13 +30,19 @@ from volsplat.mapshade_server.readers.molecules.structure_factors import open_re
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.gzip_files import unzipped_text
 from volsplat.mapshade_server.readers.reading.part_options import part_options
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeReader
+from volsplat.mapshade_server.readers.reading.parts import Part
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
-IN_SPACE, IN_FREQUENCY = ("density", "elements"), ("frequency", "amplitude")
-KINDS = IN_SPACE + IN_FREQUENCY
+IN_FREQUENCY = ("frequency", "amplitude")
+KINDS = {
+    "density": "a synthetic electron density",
+    "elements": "a colour for each element, and bonds",
+    "frequency": "calculated structure factors, with phases",
+    "amplitude": "calculated structure factors",
+}
 MOST_VOXELS_ASIDE = 4096
 
 _RECORDS = (
@@ -53,7 +59,7 @@ def recognises(head: bytes) -> bool:
     return _FIRST_RECORD.match(head) is not None
 
 
-def open_pdb(path: Path, part: str) -> VolumeReader:
+def open_pdb(path: Path, part: str) -> OpenedVolume:
     """The reader for a PDB or PQR file. Raises BadInput."""
     text = unzipped_text(path)
     if is_pqr(path, text):
@@ -69,7 +75,7 @@ def open_pdb(path: Path, part: str) -> VolumeReader:
     return open_structure(path, part, "PDB", structure, warnings)
 
 
-def open_structure(path: Path, part: str, name: str, structure: Any, warnings: list[str]) -> VolumeReader:
+def open_structure(path: Path, part: str, name: str, structure: Any, warnings: list[str]) -> OpenedVolume:
     """The reader for the atoms of gemmi's structure, from a file in the format `name`. Raises BadInput."""
     word, options = part_options(part, ("waters", "model"))
     kind, fineness = _kind_and_fineness(path, word)
@@ -102,13 +108,23 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
         why_whole="the list of atoms is read whole, but only a sub-cube's own voxels are made of it",
     )
     grid = AtomGrid(atoms, geometry)
-    return OpenedVolume(description, grid.elements if elements else grid.density)
+    parts = [] if part else _parts(structure)
+    return OpenedVolume(description, grid.elements if elements else grid.density, parts=parts)
+
+
+def _parts(structure: Any) -> list[Part]:
+    """What can be made of the first model, and the others."""
+    others = [str(model.num) for model in structure][1:]
+    return [
+        *(Part(kind, told) for kind, told in KINDS.items()),
+        *(Part(f"model={number}", f"the density of model {number}") for number in others),
+    ]
 
 
 def _kind_and_fineness(path: Path, word: str) -> tuple[str, float | None]:
     """What to make of the atoms, and the spacing or the resolution in Å if it is stated. Raises BadInput."""
     words = [text.strip() for text in word.split(",")] if word else []
-    kind = words.pop(0) if words and words[0] in KINDS else KINDS[0]
+    kind = words.pop(0) if words and words[0] in KINDS else next(iter(KINDS))
     if not words:
         return kind, None
     try:

@@ -110,7 +110,7 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
     def read(box: Box) -> Voxels:  # half floats are widened
         return voxels.read(box).astype(description.scalar_type, copy=False)
 
-    return OpenedVolume(description, read)
+    return OpenedVolume(description, read, parts=())
 
 
 def _header_of(path: Path) -> _Header:

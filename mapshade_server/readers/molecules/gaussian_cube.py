@@ -77,7 +77,7 @@ def open_gaussian_cube(path: Path, part: str) -> OpenedVolume:
         reads_sub_cubes=False,
         why_whole="its voxels are written as text",
     )
-    return OpenedVolume(description, boxes_of(lambda: _voxels(header, value)))
+    return OpenedVolume(description, boxes_of(lambda: _voxels(header, value)), parts=())
 
 
 def _kind(header: _Header) -> tuple[Kind, str]:

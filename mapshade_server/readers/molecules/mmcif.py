@@ -8,7 +8,7 @@ from volsplat.mapshade_server.readers.molecules import atoms, structure_factors
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.gzip_files import unzipped_text
-from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.text.errors import BadInput
 
 REFLECTIONS = ("_refln", "_diffrn_refln")
@@ -18,7 +18,7 @@ def recognises(head: bytes) -> bool:
     return re.match(rb"(\s*#[^\n]*\n|\s+)*data_\S", head) is not None
 
 
-def open_mmcif(path: Path, part: str) -> VolumeReader:
+def open_mmcif(path: Path, part: str) -> OpenedVolume:
     """The reader for what an mmCIF file holds. Raises BadInput if that is neither atoms nor structure factors."""
     document = _document(path)
     blocks = list(document)

@@ -5,7 +5,7 @@ Nothing here knows of voxels.
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,6 +58,8 @@ class Reflections:
     phases: Mapping[str, Floats]  # degrees
     intensities: Mapping[str, Floats]
     warnings: tuple[str, ...] = ()
+    block: str = ""  # that was named
+    blocks: tuple[str, ...] = ()  # of which nobody named one
 
     @property
     def pairs(self) -> list[tuple[str, str]]:
@@ -118,7 +120,8 @@ def mmcif_reflections(path: Path, document: Any, wanted: str | None) -> Reflecti
             for known in (_MMCIF_AMPLITUDES, _MMCIF_PHASES, _MMCIF_INTENSITIES)
         )
         indices = np.array(block.make_miller_array(), np.float64)
-    return _checked(path, block.cell, block.spacegroup, indices, amplitudes, phases, intensities, warnings)
+    found = _checked(path, block.cell, block.spacegroup, indices, amplitudes, phases, intensities, warnings)
+    return replace(found, block=wanted or "", blocks=tuple(blocks) if warnings else ())
 
 
 def _checked(

@@ -12,6 +12,8 @@ If nothing is said it is the map, if there are phases. Symmetry and Friedel's la
 again; what was not measured at all is no data.
 """
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,8 @@ from volsplat.mapshade_server.readers.molecules.reflections import (
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.part_options import part_options
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, VolumeReader, Voxels, boxes_of
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels, boxes_of
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -49,16 +52,17 @@ def recognises(head: bytes) -> bool:
     return head[:4] == b"MTZ "
 
 
-def open_mtz(path: Path, part: str) -> VolumeReader:
+def open_mtz(path: Path, part: str) -> OpenedVolume:
     """The reader for an MTZ file. Raises BadInput."""
     word, _ = part_options(part, ())
     return open_reflections(mtz_reflections(path), "MTZ", word)
 
 
-def open_mmcif_reflections(path: Path, part: str, document: Any) -> VolumeReader:
+def open_mmcif_reflections(path: Path, part: str, document: Any) -> OpenedVolume:
     """The reader for the reflections in gemmi's CIF document. Raises BadInput."""
     word, options = part_options(part, ("block",))
-    return open_reflections(mmcif_reflections(path, document, options.get("block")), "structure-factor mmCIF", word)
+    reflections = mmcif_reflections(path, document, options.get("block"))
+    return open_reflections(reflections, "structure-factor mmCIF", word)
 
 
 @dataclass(frozen=True)
@@ -96,21 +100,23 @@ class _Factors:
         )
 
 
-def open_reflections(reflections: Reflections, name: str, word: str) -> VolumeReader:
+def open_reflections(reflections: Reflections, name: str, word: str) -> OpenedVolume:
     """The reader for what `word` says to make of the reflections of a file in the format `name`. Raises BadInput."""
     kind, _, labels = word.partition(":")
     path = reflections.path
+    parts = [] if word else parts_of_reflections(reflections)
     if not kind and not reflections.phases:
-        raise BadInput(
+        line = (
             f"{path}: {reflections.columns}; without phases there is no density map, but {path}#patterson shows their "
             f"Patterson function and {path}#amplitude the amplitudes in the dimensions of frequency"
         )
+        raise PartNeeded(line, parts) if parts else BadInput(line)
     kind = kind or KINDS[0]
     if kind not in KINDS:
         raise BadInput(f"{path}: has no part “{word}”; it is one of {', '.join(KINDS)}, as in {path}#map")
     warnings = list(reflections.warnings)
     if kind in ("map", "frequency"):
-        label, indices, amplitudes, phases = _with_phases(reflections, kind, labels)
+        label, indices, amplitudes, phases = _with_phases(reflections, kind, labels, parts)
     else:
         label, indices, amplitudes = _amplitudes(reflections, kind, labels, warnings)
         phases = np.zeros_like(amplitudes)
@@ -119,24 +125,41 @@ def open_reflections(reflections: Reflections, name: str, word: str) -> VolumeRe
     if kind == "map":
         named, _ = kind_of_names([label])
         shown = Kind.DIFFERENCE_MAP if named == Kind.DIFFERENCE_MAP else Kind.CRYSTAL_MAP
-        return _map(factors, "density", reflections.space_group, shown)
+        return _map(factors, "density", reflections.space_group, shown, parts)
     if kind == "patterson":
         whole = factors.expanded()
         squares = replace(whole, amplitudes=whole.amplitudes**2, phases=np.zeros_like(whole.phases))
-        return _map(squares, "Patterson function", library("gemmi", name).SpaceGroup("P 1"), Kind.PATTERSON)
-    return _frequency(factors.expanded(), with_phases=kind == "frequency")
+        return _map(squares, "Patterson function", library("gemmi", name).SpaceGroup("P 1"), Kind.PATTERSON, parts)
+    return _frequency(factors.expanded(), parts, with_phases=kind == "frequency")
 
 
-def _with_phases(reflections: Reflections, kind: str, labels: str) -> tuple[str, Integers, Floats, Floats]:
+def parts_of_reflections(reflections: Reflections) -> list[Part]:
+    """What can be made of them, of each pair of columns that belong together, and of each column by itself."""
+    if reflections.blocks:  # which of them comes first
+        return [Part(f"block={name}", "a list of reflections") for name in reflections.blocks]
+    likely = reflections.pairs or itertools.product(reflections.amplitudes, reflections.phases)
+    pairs = [",".join(pair) for pair in likely]
+    alone = [*reflections.amplitudes, *reflections.intensities]
+    told = [
+        *(Part(f"map:{pair}", "the density that they transform to") for pair in pairs),
+        *(Part(f"patterson:{label}", "the Patterson function, which needs no phases") for label in alone),
+        *(Part(f"frequency:{pair}", "in the dimensions of frequency, with phases") for pair in pairs),
+        *(Part(f"amplitude:{label}", "in the dimensions of frequency") for label in alone),
+    ]
+    return [one._replace(part=f"{one.part},block={reflections.block}") if reflections.block else one for one in told]
+
+
+def _with_phases(
+    reflections: Reflections, kind: str, labels: str, parts: Sequence[Part]
+) -> tuple[str, Integers, Floats, Floats]:
     """The columns that are asked for, without the reflections that lack a value."""
     path, pairs = reflections.path, reflections.pairs
     words = [word.strip() for word in labels.split(",")] if labels else list(pairs[0]) if pairs else []
     if len(words) != 2 or words[0] not in reflections.amplitudes or words[1] not in reflections.phases:
         example = ",".join(pairs[0] if pairs else [*reflections.amplitudes, "F"][:1] + [*reflections.phases, "PHI"][:1])
         asked = f"“{labels}” is no pair of them" if labels else "which belong together is not known"
-        raise BadInput(
-            f"{path}: {reflections.columns}; {asked}: name an amplitude and its phase, as in {path}#{kind}:{example}"
-        )
+        line = f"{path}: {reflections.columns}; {asked}: name an amplitude and its phase, as in {path}#{kind}:{example}"
+        raise PartNeeded(line, parts) if parts else BadInput(line)
     amplitudes, phases = reflections.amplitudes[words[0]], reflections.phases[words[1]]
     there = _there(reflections, np.isfinite(amplitudes) & np.isfinite(phases))
     return ",".join(words), reflections.indices[there], amplitudes[there], phases[there]
@@ -166,7 +189,7 @@ def _there(reflections: Reflections, there: NDArray[np.bool_]) -> NDArray[np.boo
     return there
 
 
-def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> VolumeReader:
+def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind, parts: Sequence[Part]) -> OpenedVolume:
     path, cell = factors.reflections.path, factors.reflections.cell
     if not (greatest := float(np.abs(factors.amplitudes).max())) < GREATEST_AMPLITUDE:
         raise BadInput(
@@ -193,10 +216,11 @@ def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> 
         reads_sub_cubes=False,
         why_whole="every voxel is a sum over all reflections",
     )
-    return OpenedVolume(description, boxes_of(lambda: np.array(transform.transform_f_phi_to_map(exact_size=dims)).T))
+    read = boxes_of(lambda: np.array(transform.transform_f_phi_to_map(exact_size=dims)).T)
+    return OpenedVolume(description, read, parts=parts)
 
 
-def _frequency(factors: _Factors, with_phases: bool) -> VolumeReader:
+def _frequency(factors: _Factors, parts: Sequence[Part], with_phases: bool) -> OpenedVolume:
     path = factors.reflections.path
     reach = [int(most) for most in np.abs(factors.indices).max(axis=0)]
     dims = _checked_size(path, (2 * reach[0] + 1, 2 * reach[1] + 1, 2 * reach[2] + 1))
@@ -226,9 +250,9 @@ def _frequency(factors: _Factors, with_phases: bool) -> VolumeReader:
     )
     read = boxes_of(lambda: _at_indices(dims, factors.indices, factors.amplitudes))
     if not with_phases:
-        return OpenedVolume(description, read)
+        return OpenedVolume(description, read, parts=parts)
     phases = boxes_of(lambda: _at_indices(dims, factors.indices, factors.phases))
-    return FrequencyVolume(description, read, read_second=phases)
+    return FrequencyVolume(description, read, read_second=phases, parts=parts)
 
 
 def _checked_size(path: Path, dims: Index) -> Index:

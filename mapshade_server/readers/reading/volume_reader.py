@@ -1,7 +1,7 @@
 """What every volume reader offers, whatever the format behind it, and what readers need to offer it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Protocol, runtime_checkable
 
@@ -49,7 +49,8 @@ class OpenedVolume:
     description: VolumeDescription
     read: ReadBox
     found_files: Callable[[], Sequence[VolumeFile]] = tuple  # if they are not what is named: see volume_files
-    parts: Sequence[Part] = ()  # of the same file, this one included, where one was chosen that nobody named
+    parts: Sequence[Part] = field(kw_only=True)
+    """Of the same file, this one included, that could be named where nobody did; none if there is nothing to choose."""
 
     def describe(self) -> VolumeDescription:
         return self.description

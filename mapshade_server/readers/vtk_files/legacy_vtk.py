@@ -16,7 +16,7 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, Stored
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox
 from volsplat.mapshade_server.readers.vtk_files.legacy_vtk_header import LegacyArray, LegacyHeader, legacy_header
 from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import VtkArray, text_voxels
-from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array
+from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, parts_of_arrays
 from volsplat.mapshade_server.readers.vtk_files.vtk_grid import GridArray, opened_grid
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.text.errors import BadInput
@@ -37,7 +37,8 @@ def open_legacy_vtk(path: Path, part: str) -> OpenedVolume:
     _check_count(path, header, array)
     why_whole = "" if header.binary else "the voxels are written as text"
     read = _reader(path, header, array)
-    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole)
+    parts = parts_of_arrays(part, header.arrays)
+    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts)
     if header.kind == "RECTILINEAR_GRID":
         return opened_grid(path, drawn, [_places(path, header, one) for one in header.coordinates])
     return opened_grid(path, drawn, checked_geometry(path, header.planes, header.spacing, header.origin))

@@ -50,6 +50,16 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
     raise BadInput(f"{path}: has no data of its points or cells; save the grid again")
 
 
+def parts_of_arrays(part: str, arrays: Sequence[NamedArray]) -> list[Part]:
+    """What could be named in place of what is taken if nobody names an array; none where one is named or alone."""
+    scalars = [one for one in arrays if one.components == 1]
+    return _told(scalars) if not part and len(scalars) > 1 else []
+
+
+def _told(arrays: Sequence[NamedArray]) -> list[Part]:
+    return [Part(f"{one.association}/{one.name}", "of cells" if one.of_cells else "of points") for one in arrays]
+
+
 def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> AnyArray:
     named = [one for one in arrays if part in (one.name, f"{one.association}/{one.name}")]
     if not named:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, unevenness
+from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
 from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -33,6 +34,7 @@ class GridArray:
     of_cells: bool
     reader: Callable[[Index], ReadBox]
     why_whole: str
+    parts: Sequence[Part]
 
 
 def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArray[Any]]) -> OpenedVolume:
@@ -60,7 +62,7 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
         chunk=(geometry.dims[0], 1, 1),
         why_whole=array.why_whole,
     )
-    return OpenedVolume(description, read)
+    return OpenedVolume(description, read, parts=array.parts)
 
 
 def _middles(places: NDArray[Any]) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import (
     stored_voxels,
     text_voxels,
 )
-from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array
+from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, parts_of_arrays
 from volsplat.mapshade_server.readers.vtk_files.vtk_grid import GridArray, opened_grid
 from volsplat.mapshade_server.readers.vtk_files.vtk_xml import Attributes, VtkElement, VtkXml, vtk_xml
 from volsplat.protocol.description.volume import Box, Geometry, Index
@@ -46,6 +46,7 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
         of_cells=element.of_cells,
         reader=lambda dims: _voxels(path, xml, element, dims),
         why_whole=_why_whole(xml, element),
+        parts=parts_of_arrays(part, xml.arrays),
     )
     if xml.file.get("type") != "RectilinearGrid":
         return opened_grid(path, drawn, _geometry(path, xml))

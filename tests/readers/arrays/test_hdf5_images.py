@@ -12,6 +12,7 @@ import tolerances
 from support.files.opened import described, read_whole
 from support.files.volume_files import DIMS, values_of, written
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.part_listing import parts_of
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
@@ -173,6 +174,20 @@ def test_channels_and_moments_of_imaris_are_chosen(tmp_path: Path) -> None:
         open_volume(f"{path}#t=0")
     with pytest.raises(BadInput, match="“c=2” is beyond the last, c=1"):
         open_volume(f"{path}#t=0,c=2")
+
+
+def test_channels_moments_and_resolutions_of_imaris_are_parts_one_after_another(tmp_path: Path) -> None:
+    path = imaris(tmp_path / "cells.ims", channels=2, times=2)
+
+    def parts(said: str) -> list[tuple[str, str]]:
+        return [(one.part, one.told) for one in parts_of(f"{path}{said}")]
+
+    assert [part for part, _ in parts("")] == ["t=0", "t=1"]
+    assert parts("#t=1") == [("t=1,c=0", "stain 0"), ("t=1,c=1", "stain 1")]
+    resolutions = [("t=1,c=0,level=0", "level 0, 7 x 6 x 5"), ("t=1,c=0,level=1", "level 1, 4 x 3 x 3")]
+    assert parts("#t=1,c=0") == resolutions
+    assert parts("#t=1,c=0,level=1") == []
+    assert described(f"{path}#t=1,c=0,level=1").geometry.dims == (4, 3, 3)
 
 
 def changed(path: Path, change: Callable[[Any], object]) -> Path:

@@ -19,6 +19,7 @@ from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.part_listing import parts_of
 from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, Voxels
 from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Image, ScalarTable, Scene, Tables
 from volsplat.protocol.description.volume import Box, Geometry
@@ -355,3 +356,7 @@ def test_a_block_is_chosen_by_its_name(tmp_path: Path) -> None:
     assert first.geometry.dims == (3, 1, 1) and "of the blocks r1, r2 the first is shown" in first.warnings[0]
     chosen = open_volume(f"{path}#amplitude,block=r2").describe()
     assert chosen.geometry.dims == (5, 1, 1) and not chosen.warnings
+    assert [part for part, _ in parts_of(str(path))] == ["block=r1", "block=r2"]
+    told = parts_of(f"{path}#block=r2")
+    assert told and all(one.part.endswith(",block=r2") for one in told)
+    assert open_volume(f"{path}#{told[-1].part}").describe().geometry.dims == (5, 1, 1)
