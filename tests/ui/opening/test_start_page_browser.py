@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import pytest
 from support.pages.browser import browser, browser_page
 from support.pages.viewed import Viewed, viewed
 from support.patience import PATIENCE
+from support.programs.clusters import cluster_file, sshd
 from support.programs.programs import Person
 from volsplat.bench.page_drag import REFINED
 from volsplat.client.phantoms import make_phantom
@@ -110,6 +112,28 @@ def test_parts_of_a_file_are_shown_and_one_is_opened(tmp_path: Path, browser_pag
         page.keyboard.press("o")
         entry(page, "single.npz").click()
         shows(page, "single.npz")
+
+
+def test_servers_of_a_cluster_tell_what_they_see_and_draw_what_is_chosen(
+    root: Path, tmp_path: Path, browser_page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from playwright.sync_api import expect
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with sshd(tmp_path / "sshd") as machine:
+        machine += f'threads = 1\ndata-root = "{root}"\nmap-shade-servers = 2\nsplat-servers = 1\n'
+        cluster = cluster_file(tmp_path, f"page-{os.getpid()}", machine)
+        with viewed(tmp_path, None, "--cluster", str(cluster), "--root", str(root / "few")) as running:
+            page, dialog = browser_page, start(browser_page, running.url)
+            for name in ("second.nrrd", "protein.nrrd"):
+                entry(page, name).click()
+                shows(page, name)
+                expect(page.locator(".vs-view canvas")).to_be_visible()
+                page.keyboard.press("o")
+            entry(page, "damaged.nrrd").click()
+            expect(dialog.get_by_role("alert")).to_contain_text("damaged.nrrd")
+            shows(page, "protein.nrrd")
+    assert "is not up" in Person(tmp_path).runs("deploy", "status", str(cluster)).stderr
 
 
 def test_servers_started_by_hand_tell_what_they_see_and_go_on_from_volume_to_volume(
