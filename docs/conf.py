@@ -12,7 +12,7 @@ from sphinx.application import Sphinx
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "tests"))  # which has what finds and runs the commands of a page
 
-from support.programs.documented_commands import blocks  # noqa: E402
+from support.programs.documented_commands import TYPED_BY_SITE, blocks  # noqa: E402
 from support.programs.quick_shell import QuickShell  # noqa: E402
 
 project = "volsplat"
@@ -28,8 +28,6 @@ autodoc_typehints = "description"
 autodoc_member_order = "bysource"
 python_use_unqualified_type_names = True
 
-# Typed from top to bottom, one page after the other, in one folder: a reader who follows the site has the same files.
-TYPED = ("start/tour.md", "start/glossary.md", "howto/fog.md", "howto/movie.md", "howto/batch.md", "howto/large.md")
 MADE = HERE / "made"
 LIMIT = 600  # seconds for a block of commands
 
@@ -37,8 +35,8 @@ LIMIT = 600  # seconds for a block of commands
 def type_commands(app: Sphinx) -> None:
     """Does what the pages say, so that each command works and each picture is what it draws now."""
     with TemporaryDirectory() as folder, QuickShell(Path(folder), dict(os.environ)) as shell:
-        for page in TYPED:
-            for block in blocks(f"docs/{page}"):
+        for page in TYPED_BY_SITE:
+            for block in blocks(page):
                 lines = block.text.splitlines()
                 ending = [line for line in lines if not line.startswith("volsplat view ")]
                 done = shell.runs("\n".join(ending), LIMIT)

@@ -5,30 +5,34 @@ import shlex
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from support.checkout import ROOT
 from support.patience import PATIENCE
-from support.programs.documented_commands import Documented, commands, snippets
+from support.programs.documented_commands import (
+    NOT_RUN,
+    PAGES,
+    TYPED_ALONE,
+    TYPED_BY_SITE,
+    TYPED_IN_LAB,
+    Documented,
+    commands,
+    fences,
+    lines,
+    links,
+    reason_not_to_run,
+    snippets,
+)
 from support.programs.programs import Person
 from support.programs.quick_shell import QuickShell
 from volsplat.program.exit_status import EXIT_INTERRUPTED
 
-# Commands of the README that are not run as they stand, and why; that their options exist is tested all the same.
-NOT_RUN = {
-    r"192\.168\.": "needs other machines: test_command_line.py starts servers by hand on this one",
-    r"https://|4HHB|scans/": "needs files of the reader's own: the readers' tests have such",
-    r" bench ": "takes minutes: test_bench_commands.py runs each on small volumes",
-    r" gallery ": "takes a minute: test_gallery.py draws the plates small",
-    r"brain": "needs a volume larger than memory: test_prepare.py prepares and draws small ones",
-}
-
+SMALL = "64x64x56"  # voxels of the head on pages that take it from the tour
 FEWER_FRAMES = " --frames 8"  # than a turn has: each takes as long as an image
-
-
-def _not_run(line: str) -> bool:
-    return any(re.search(pattern, line) for pattern in NOT_RUN)
+DEMO = re.compile(r"^demo:.*\n\t\$\(BIN\)/(volsplat .*)$", re.MULTILINE)
 
 
 @pytest.fixture
@@ -37,26 +41,50 @@ def reader(tmp_path: Path) -> Person:
     return Person(tmp_path)
 
 
-def test_the_tour_of_the_readme_runs_from_top_to_bottom(reader: Person) -> None:
-    tour = [one.text for one in commands() if one.page == "README.md" and not _not_run(one.text)]
-    assert len(tour) >= 9
+@pytest.mark.parametrize("page", TYPED_ALONE)
+def test_a_page_may_be_typed_from_top_to_bottom(reader: Person, page: str) -> None:
+    typed = [line.text for line in lines(page) if reason_not_to_run(line) is None]
+    assert typed
+    (reader.folder / "client").symlink_to(ROOT / "client")  # whose scene files a page may name
+    if not any("phantom head" in line for line in typed):
+        assert reader.runs("phantom", "head", "--size", SMALL, "-o", "head.nrrd").returncode == 0
     with QuickShell(reader.folder, reader.environment) as shell:
-        for line in tour:
+        for line in typed:
             if line.startswith("volsplat view"):
                 status, said = _view(reader, line)
             else:
-                done = shell.runs(line + FEWER_FRAMES if " movie " in line else line, PATIENCE)
+                done = shell.runs(_as_run(line), PATIENCE)
                 status, said = done.returncode, done.stdout
             assert status == 0, f"{line}\n{said}"
             assert "Traceback" not in said, line
-    for name in ("head.png", "skull.png", "turned.exr", "skin.png", "skin.toml", "turntable.mp4"):
-        assert (reader.folder / name).stat().st_size > 0, name
+            for made in re.findall(r"(?: -o | > )(\S+)", line):
+                assert (reader.folder / made).stat().st_size > 0, line
 
 
-def test_each_reason_not_to_run_a_command_is_of_one_that_is_there() -> None:
-    lines = [one.text for one in commands() if one.page == "README.md"]
-    for pattern in NOT_RUN:
-        assert any(re.search(pattern, line) for line in lines), pattern
+@pytest.mark.parametrize("page", PAGES)
+def test_each_command_is_run_by_a_test_or_has_a_reason_why_not(page: str) -> None:
+    whole = page in (*TYPED_ALONE, *TYPED_BY_SITE, *TYPED_IN_LAB) or page.startswith("docs/notes/")
+    alone = [] if whole else [line.text for line in lines(page) if reason_not_to_run(line) is None]
+    assert alone == [], "run it, or give a reason in NOT_RUN; what is no command goes between ```text and ```"
+
+
+def test_what_is_neither_a_command_nor_python_says_what_it_is() -> None:
+    assert [str(fence) for fence in fences("")] == []
+
+
+@pytest.mark.parametrize("pattern", NOT_RUN)
+def test_each_reason_not_to_run_a_command_is_of_one_that_is_there(pattern: str) -> None:
+    assert any(re.search(pattern, line.text) for page in PAGES for line in lines(page))
+
+
+@pytest.mark.parametrize("documented", fences("toml"), ids=str)
+def test_documented_toml_can_be_read(documented: Documented) -> None:
+    assert tomllib.loads(documented.text)
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])  # the site's build follows the links of its pages
+def test_each_link_leads_to_a_file(page: str) -> None:
+    assert [link for link in links(page) if not (ROOT / page).parent.joinpath(link).exists()] == []
 
 
 @pytest.mark.parametrize("documented", {one.text: one for one in commands()}.values(), ids=str)
@@ -86,6 +114,12 @@ def test_documented_python_runs(reader: Person, snippet: Documented) -> None:
         timeout=PATIENCE,
     )
     assert answer.returncode == 0, answer.stderr
+
+
+def _as_run(line: str) -> str:
+    if line == "make demo":  # what make then runs
+        (line,) = DEMO.findall((ROOT / "Makefile").read_text(encoding="utf-8"))
+    return line + FEWER_FRAMES if " movie " in line else line
 
 
 def _view(reader: Person, line: str) -> tuple[int, str]:

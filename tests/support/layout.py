@@ -112,7 +112,7 @@ def drawing() -> str:
         floors = {room: _height(room) for room in rooms}
         for room in sorted(rooms, key=lambda room: (-floors[room], room)):
             lines.append(f"    {room.relative_to(top).as_posix() + '/':<22} {purpose(room)}")
-    return "\n".join(["```", *lines[1:], "```"])
+    return "\n".join(["```text", *lines[1:], "```"])
 
 
 def _height(room: Path) -> int:

@@ -20,7 +20,10 @@ from selectors import EVENT_READ, DefaultSelector
 from typing import Any, NoReturn
 
 from support.patience import PATIENCE
-from volsplat.client.command.cli import main as volsplat
+
+STARTED_WITH = frozenset(os.environ)  # as OpenImageIO finds its fonts by a variable that it sets
+
+from volsplat.client.command.cli import main as volsplat  # noqa: E402
 
 CLIENT = [f"command.{name}_command" for name in ("info", "movie", "phantom", "render", "scene")]
 CLIENT += ["command.commands", "figure.figure_file", "image.image_file", "scene.resized", "scene.view_sides"]
@@ -112,8 +115,9 @@ def _request(asker: socket.socket) -> tuple[dict[str, Any], list[int]]:
 def _become(words: list[str], folder: str, environment: dict[str, str]) -> NoReturn:
     os.setsid()  # a terminal's Ctrl-C reaches who asked
     os.chdir(folder)
+    set_while_loading = {name: os.environ[name] for name in os.environ.keys() - STARTED_WITH}
     os.environ.clear()
-    os.environ.update(environment)
+    os.environ.update(set_while_loading | environment)
     status = _status_of(words)
     threading._shutdown()  # type: ignore[attr-defined]  # which waits for threads, as at the end of any program
     sys.stdout.flush()
