@@ -10,6 +10,7 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.counts import Counts
+from volsplat.program.help_examples import examples
 from volsplat.program.memory_budget import MemoryBudget
 from volsplat.program.memory_promises import MemoryPromises
 from volsplat.program.server_process import (
@@ -35,8 +36,13 @@ from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.tokens import need_token
 
+EXAMPLE = examples("volsplat mapshade-server --connect desk:7411 --data-root /scratch --token-file session.token")
 
-@click.command("volsplat mapshade-server")
+
+@click.command(
+    "volsplat mapshade-server",
+    epilog=EXAMPLE,
+)
 @client_options
 @click.option("--threads", type=THREADS, help="Threads that walk (cores).")
 @sharing_option

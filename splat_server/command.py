@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from volsplat.program.counts import Counts
+from volsplat.program.help_examples import examples
 from volsplat.program.server_process import (
     THREADS,
     address_option,
@@ -38,7 +39,13 @@ from volsplat.splat_server.server import SplatServer
 ANY_PORT = f"{LOOPBACK}:0"
 
 
-@click.command("volsplat splat-server")
+EXAMPLE = examples("volsplat splat-server --connect desk:7411 --listen node1:7412 --token-file session.token")
+
+
+@click.command(
+    "volsplat splat-server",
+    epilog=EXAMPLE,
+)
 @client_options
 @click.option(
     "--listen",

@@ -20,6 +20,7 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.timing import wall_seconds
+from volsplat.client.command.help_page import helped
 from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.session import Session
 from volsplat.program.plain_console import PlainConsole
@@ -30,7 +31,7 @@ HIGH_ZOOM = 64.0  # pixels a voxel: a packet's footprint covers tens of thousand
 VIEWS = {"the whole volume": View(), f"zoom {HIGH_ZOOM:g}": View(zoom=HIGH_ZOOM)}
 
 
-@click.command()
+@helped("volsplat bench aborts --aborts 50")
 @click.option("--phantom", default="shells:256", metavar="NAME:SIZE", help="What is drawn (shells:256).")
 @click.option("--aborts", "count", type=click.IntRange(min=1), default=200, help="In each view (200).")
 @click.option("--workers", type=click.IntRange(min=1), default=2, help="Map/shade servers (2).")

@@ -12,12 +12,13 @@ from volsplat.bench.scaling.scaling_tables import sizes_tables
 from volsplat.bench.tables.outputs import Outputs, machine_words, output_options
 from volsplat.bench.tables.record import Figure, Record, figure, read_record
 from volsplat.bench.tables.text_table import TextTable, significant, with_unit
+from volsplat.client.command.help_page import helped
 from volsplat.protocol.text.errors import BadInput
 
 MOVED, STAYED, UNKNOWN = "moved", "", "spread unknown"
 
 
-@click.command()
+@helped("volsplat bench compare old.json new.json")
 @click.argument("records", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="OLD NEW [MORE]...")
 @output_options()
 def compare(records: tuple[Path, ...], json: Path | None, markdown: Path | None) -> None:

@@ -17,6 +17,7 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, give_or_take, significant
 from volsplat.bench.views import around, seen
+from volsplat.client.command.help_page import helped
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import StepReport, report_of
 from volsplat.program.plain_console import PlainConsole
@@ -44,7 +45,7 @@ class Taken:
         return usual_frame(self.reports)
 
 
-@click.command()
+@helped("volsplat bench hosts --phantom shells:256 --workers 4 --splat-servers 1,2,4 --link 100")
 @subject_options
 @click.option("--workers", type=click.IntRange(1, 64), default=4, help="Hosts with a map/shade server (4).")
 @click.option("--splat-servers", default="1,2,4", help="Numbers of hosts with a splat server (1,2,4).")

@@ -14,6 +14,7 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.views import ELEVATION, FIRST_AZIMUTH, seen
+from volsplat.client.command.help_page import helped
 from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.single import SingleProcess
@@ -28,7 +29,7 @@ KINDS = {"8 bits": False, "exact": True}
 LINKS = {"100 Mbit/s": 12.5e6, "1 Gbit/s": 125e6, "10 Gbit/s": 1.25e9}  # bytes a second
 
 
-@click.command()
+@helped("volsplat bench images --phantom shells:256")
 @subject_options
 @click.option("--images", "count", type=click.IntRange(min=2), default=12, help="One after the other (12).")
 @click.option("--degrees", type=float, default=3.0, help="From one to the next (3).")

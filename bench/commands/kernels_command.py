@@ -15,6 +15,7 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, significant, told, with_give_or_take
 from volsplat.bench.timing import ratios, thread_seconds
+from volsplat.client.command.help_page import helped
 
 if TYPE_CHECKING:
     from volsplat.bench.floors.map_shade_rates import ShareTime, WalkRates
@@ -24,7 +25,7 @@ COPIED_BYTES = 1 << 28
 VOLUMES = ("noise", "shells")
 
 
-@click.command()
+@helped("volsplat bench kernels --plot kernels.png")
 @click.option("--size", type=click.IntRange(8, 1024), default=256, help="Voxels on each side of the cube (256).")
 @click.option("--splats", type=click.IntRange(1000), default=1_000_000, help="In each measurement (1000000).")
 @click.option("--rounds", type=click.IntRange(min=1), default=7, help="In each, every contender runs once (7).")

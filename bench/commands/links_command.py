@@ -17,6 +17,7 @@ from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
+from volsplat.client.command.help_page import helped
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.program.extras import need
 from volsplat.protocol.messages.link_messages import LARGEST_MEASURE, LinkMeasured, MeasureLink
@@ -76,7 +77,7 @@ class Way:
         return float(used.user + used.system)
 
 
-@click.command()
+@helped("volsplat bench links")
 @click.option("--rounds", type=click.IntRange(min=1), default=200, help="Of 4 MiB either way, by each way (200).")
 @output_options()
 def links(rounds: int, json: Path | None, markdown: Path | None) -> None:

@@ -22,6 +22,7 @@ from volsplat.bench.subject import subject_of, volume_file
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
+from volsplat.client.command.help_page import helped
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -38,7 +39,7 @@ GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, liken
 _ADDRESS = re.compile(r"http://\S+token=\S+")
 
 
-@click.command()
+@helped("volsplat bench page head.nrrd", "volsplat bench page head.nrrd --link 20,40")
 @click.argument("volume", required=False)
 @click.option("--phantom", metavar="NAME:SIZE", help="In place of VOLUME: shells:256 is 256 x 256 x 256 voxels.")
 @click.option("--workers", type=click.IntRange(min=1), default=2, help="Map/shade servers (2).")

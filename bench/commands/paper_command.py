@@ -21,6 +21,7 @@ from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, give_or_take, significant
 from volsplat.bench.timing import interleaved
 from volsplat.bench.views import around, seen
+from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_options import size_from_option
 from volsplat.client.session.frame_report import PAPER_SECONDS, STEP_WORDS
 from volsplat.program.plain_console import PlainConsole
@@ -40,7 +41,7 @@ CAPTION = (
 Seconds = Mapping[tuple[str, Step], list[float]]
 
 
-@click.command()
+@helped("volsplat bench paper head.nrrd", "volsplat bench paper head.nrrd --workers 1,2 --plot times.png")
 @subject_options
 @click.option("--size", default="512x512", metavar="WxH", help="Image size in pixels (512x512).")
 @click.option("--workers", help="Numbers of map/shade servers (1,2,4; of a cluster those of 1, 2, 3 … machines).")

@@ -18,6 +18,7 @@ from volsplat.bench.tables.text_table import TextTable, told
 from volsplat.bench.timing import interleaved, ratios, wall_seconds
 from volsplat.bench.views import around, seen
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.help_page import helped
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
@@ -41,7 +42,7 @@ class Run:
     shares: Shares
 
 
-@click.command()
+@helped("volsplat bench peers head.nrrd", "volsplat bench peers --phantom shells:256 --threads 1")
 @subject_options
 @click.option("--images", default="512,1024", help="Sides of the square images, pixels (512,1024).")
 @click.option("--views", type=click.IntRange(min=1), default=24, help="Once around the volume (24).")

@@ -13,6 +13,7 @@ from volsplat.bench.commands.option_lists import fractions, whole_numbers
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.help_page import helped
 from volsplat.client.image.image_formats import check_writable
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import GREATEST_ZOOM
@@ -40,7 +41,7 @@ class Sizes:
     repeats: int
 
 
-@click.command()
+@helped("volsplat bench quality --only head --sheet pictures.jpg")
 @click.argument("volume", required=False)
 @click.option("--only", multiple=True, type=click.Choice(PARTS), help="This part alone; may be given several times.")
 @click.option("--zooms", default="1,2,4,8", help="Pixels a voxel of the Marschner-Lobb signal (1,2,4,8).")

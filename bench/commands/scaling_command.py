@@ -34,6 +34,7 @@ from volsplat.bench.subject import shares, subject_of, subject_options, volume_f
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
 from volsplat.bench.views import around, seen
+from volsplat.client.command.help_page import helped
 from volsplat.client.command.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.program.plain_console import PlainConsole
@@ -47,7 +48,7 @@ PACKED_VOXEL_BYTES = 4
 USUAL_WORKERS = "1,2,4,8"
 
 
-@click.command()
+@helped("volsplat bench scaling head.nrrd --workers 1,2,4", "volsplat bench scaling --phantom shells:256 --threads 1,2")
 @subject_options
 @click.option("--workers", help="Numbers of map/shade servers (1,2,4,8; of a cluster those of 1, 2, 3 … machines).")
 @cluster_option

@@ -43,13 +43,13 @@ ENTRIES = {
     "export": Entry(DRAW, "Write what is visible as 3-D Gaussians, or a surface as a mesh."),
     "demo": Entry(DRAW, "Draw the head phantom, step by step, into a folder.", torch=True),
     "gallery": Entry(DRAW, "Draw the paper's sixteen images on four plates.", torch=True),
-    "info": Entry(VOLUMES, "Tell what a volume is, with its histogram."),
+    "info": Entry(VOLUMES, "Print what a volume is, with its histogram."),
     "scene": Entry(VOLUMES, "Print the scene of a volume, an image or a preset."),
     "phantom": Entry(VOLUMES, "Write a volume that volsplat makes itself.", torch=True),
     "prepare": Entry(
         VOLUMES, "Turn a volume of any size into a packet store on disk.", program="volsplat.deploy.batch"
     ),
-    "deploy": Entry(MACHINES, "Bring servers up on a lab's machines, ask after them, end them."),
+    "deploy": Entry(MACHINES, "Start servers on a lab's machines, check on them, end them."),
     Program.MAPSHADE_SERVER.command: Entry(
         MACHINES, "Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER.value
     ),

@@ -10,12 +10,14 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from volsplat.client.command.help_page import HelpedCommand
 from volsplat.client.command.render_options import size_from_option
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Size
 from volsplat.deploy.launchers.launcher import ServerState
+from volsplat.program.help_examples import examples
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
@@ -24,29 +26,29 @@ LOG_LINES = 20
 cluster_argument = click.argument("cluster", type=click.Path(path_type=Path))
 
 
-@click.group()
+@click.group(epilog=examples("volsplat deploy up lab.toml", "volsplat view head.nrrd --cluster lab.toml"))
 def deploy() -> None:
-    """Bring up the servers of a cluster file, on one machine or many, and end them.
+    """Start the servers of a cluster file, on one machine or many, check on them, and end them.
 
-    What stands in a cluster file is in docs/reference/cluster_file.md. Servers that are up are used by every command
-    that takes --cluster, one after the other.
+    docs/reference/cluster_file.md describes cluster files. Servers that are up serve every command that is given
+    --cluster, one after the other.
     """
 
 
-@deploy.command()
+@deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy up lab.toml"))
 @cluster_argument
 def up(cluster: Path) -> None:
-    """Start what is not running of the servers in CLUSTER, a TOML file."""
+    """Start the servers in CLUSTER, a TOML file, that are not running."""
     running = RunningCluster(cluster)
     console = PlainConsole(stderr=True)
     state = running.up(lines_on(console))
     console.say(f"{running.cluster.name}: {len(state.servers)} servers are up; use them by --cluster {cluster}")
 
 
-@deploy.command()
+@deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy status lab.toml"))
 @cluster_argument
 def status(cluster: Path) -> None:
-    """Show how every server is. Status 1 if one does not run."""
+    """Show the state of every server. Status 1 if one does not run."""
     running = RunningCluster(cluster)
     statuses = running.statuses()
     if not statuses:
@@ -60,24 +62,22 @@ def status(cluster: Path) -> None:
         raise click.exceptions.Exit(1)
 
 
-@deploy.command()
+@deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy down lab.toml"))
 @cluster_argument
 def down(cluster: Path) -> None:
-    """End every server, also if some machines do not answer: those are named."""
+    """End every server, and name the machines that do not answer."""
     running = RunningCluster(cluster)
     console = PlainConsole(stderr=True)
     running.down(lines_on(console))
     console.say(f"{running.cluster.name} is down")
 
 
-@deploy.command()
+@deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy logs lab.toml"))
 @cluster_argument
 @click.argument("server", required=False)
-@click.option(
-    "--lines", type=click.IntRange(1, 10000), default=LOG_LINES, help="Of each server, the last so many (20)."
-)
+@click.option("--lines", type=click.IntRange(1, 10000), default=LOG_LINES, help="How many, of each server (20).")
 def logs(cluster: Path, server: str | None, lines: int) -> None:
-    """Print what SERVER has said lately, or all of them; names are those of `status`."""
+    """Print the last log lines of SERVER, as `status` names it, or of all servers."""
     running = RunningCluster(cluster)
     state = running.folder.load()
     if state is None:
@@ -96,15 +96,15 @@ def logs(cluster: Path, server: str | None, lines: int) -> None:
             console.say(f"{one.started.name}: {line}")
 
 
-@deploy.command()
+@deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy doctor lab.toml head.nrrd"))
 @cluster_argument
 @click.argument("volume", required=False)
 @click.option("--size", metavar="WxH", default="512x512", help="Image size of the forecast, in pixels (512x512).")
 def doctor(cluster: Path, volume: str | None, size: str) -> None:
-    """Look at each hop to the servers of CLUSTER, and say what is wrong and the cure. Status 2 if something is.
+    """Check each hop to the servers of CLUSTER, and name each cause and its cure. Status 2 if anything is wrong.
 
-    Servers that are not up are started for it, and ended after it. With VOLUME, as `render` takes it, it is also looked
-    at on every machine: whether it can be read, and is the same one; and a forecast is made of how fast it is drawn.
+    Servers that are not up are started for it, and ended after it. With VOLUME, as `render` takes it, every machine
+    must be able to read it and find the same one, and a forecast says how fast it will be drawn.
     """
     console, progress = PlainConsole(), PlainConsole(stderr=True)
     asked = Size(*size_from_option(size))

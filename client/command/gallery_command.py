@@ -28,7 +28,7 @@ from volsplat.protocol.description.scene import FinestStep, Step
 )
 @server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
-@click.option("--step", type=Words(FinestStep), default="F", help="Draw what the paper has in step F by this one (F).")
+@click.option("--step", type=Words(FinestStep), default="F", help="The step for what the paper draws in step F (F).")
 def gallery(
     out: Path,
     data: Path | None,

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
+from volsplat.program.help_examples import examples
 from volsplat.program.server_process import together
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -32,10 +33,9 @@ class HelpedCommand(click.Command):
                 formatter.write_dl(by_heading[heading])
 
 
-def helped(*examples: str, name: str | None = None) -> Callable[[Callable[..., Any]], click.Command]:
+def helped(*typed: str, name: str | None = None) -> Callable[[Callable[..., Any]], click.Command]:
     """A command whose help ends with these lines to type."""
-    lines = "\n".join(f"  {example}" for example in examples)
-    return click.command(name, cls=HelpedCommand, epilog=f"\b\nExample{'s' * (len(examples) > 1)}:\n{lines}")
+    return click.command(name, cls=HelpedCommand, epilog=examples(*typed))
 
 
 def headed(heading: str, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:

@@ -93,8 +93,8 @@ def movie(
 
     VOLUME is a file or folder in any of the formats of docs/reference/formats.md; what follows a # names a part of it,
     as in run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data; what a key leaves out
-    is taken from that scene, and the other options hold for every key. A turn can be looped. Until the movie is
-    whole, nothing lies at its name.
+    is taken from that scene, and the other options hold for every key. A turn can be looped. The movie
+    appears under its name when it is complete.
     """
     figure = figure_of(settings)
     if figure is not None and figure.transparent:

@@ -218,7 +218,7 @@ SCENE_OPTIONS = {
     ),
     "--up": SceneOption(
         ("view.up",),
-        "The axis of the volume's space that is up (as its file tells, or by a guess; see volsplat info).",
+        "The axis of the volume's space that is up (as its file says, or by a guess; see volsplat info).",
         choices=UPS,
     ),
     "--zoom": SceneOption(("view.zoom",), "Pixels a voxel; else what is visible fits the image.", "PIXELS"),

@@ -75,14 +75,14 @@ LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need
     click.option(
         "--root",
         metavar="FOLDER",
-        help="Volumes can be opened on the page from below this folder alone (that of VOLUME, or this one).",
+        help="The page opens volumes below this folder only (that of VOLUME, or this one).",
     ),
     click.option(
         "--grace",
         type=click.FloatRange(min=0),
         default=GRACE_SECONDS,
         metavar="SECONDS",
-        help="End when no page has been open for so long (600).",
+        help="End after so many seconds without an open page (600).",
     ),
 )
 @scene_options
@@ -122,9 +122,9 @@ def view(
 
     Without a VOLUME the page asks which one to open, below --root, as the servers see it.
 
-    The page is served to this machine alone, and to nobody without the token of the address that is printed. From
+    The page is served to this machine only, and only with the token in the printed address. From
     elsewhere, forward its port: ssh -t -L PORT:localhost:PORT machine volsplat view VOLUME --no-browser --port PORT.
-    Behind JupyterHub's or another proxy, say --port and --behind. Ctrl-C ends everything, and so does the end of the
+    Behind JupyterHub's or another proxy, say --port and --behind. Ctrl-C ends everything, and so does closing the
     terminal.
     """
     for package in ("nicegui", "PIL"):

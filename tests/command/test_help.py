@@ -9,14 +9,27 @@ from importlib.util import find_spec
 import click
 import pytest
 
+from volsplat.bench.commands.command import SUMMARIES, bench
 from volsplat.client.command.commands import ENTRIES, reading_modules, starts_servers, volsplat
+from volsplat.client.command.deploy_command import deploy
 from volsplat.client.command.help_page import OTHERS, HelpedCommand
+from volsplat.mapshade_server.command import mapshade_server
+from volsplat.mapshade_server.prepare.command import prepare_command
+from volsplat.splat_server.command import splat_server
 
 HELPED = [
     name
     for name, entry in ENTRIES.items()
     if not entry.program and isinstance(volsplat.get_command(click.Context(volsplat), name), HelpedCommand)
 ]
+# Those of groups, and those that are programs of their own.
+FURTHER = {
+    **{f"deploy {name}": command for name, command in deploy.commands.items()},
+    **{f"bench {name}": bench.get_command(click.Context(bench), name) for name in SUMMARIES},
+    "prepare": prepare_command,
+    "mapshade-server": mapshade_server,
+    "splat-server": splat_server,
+}
 WITH_HEADINGS = ("view", "render", "movie", "export")
 
 
@@ -53,6 +66,19 @@ def test_the_examples_are_commands_as_they_may_be_typed(name: str) -> None:
         words = shlex.split(example.split("volsplat ", 1)[1].split(" > ")[0])
         assert words[0] == name
         command(name).make_context(name, words[1:])
+
+
+@pytest.mark.parametrize("name", FURTHER)
+def test_further_commands_have_examples_as_well(name: str) -> None:
+    described = FURTHER[name]
+    assert described is not None
+    examples = [line for line in (described.epilog or "").splitlines() if line.startswith("  ")]
+    assert examples
+    for example in examples:
+        words = shlex.split(example)
+        said = ["volsplat", *name.split()]
+        assert words[: len(said)] == said
+        described.make_context(name, words[len(said) :])
 
 
 def completed(typed: str) -> list[str]:
