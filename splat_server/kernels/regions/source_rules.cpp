@@ -63,6 +63,6 @@ MergeKey SourceRules::bound_after(const PartView& part, MergeKey bound) const {
     return bound;
 }
 
-bool SourceRules::finish() { return !std::exchange(finished_, true); }
+bool SourceRules::finish() { return !finished_.exchange(true); }
 
 }  // namespace volsplat

@@ -1,6 +1,7 @@
 // What a source of a frame may hand out: it may be broken or hostile, so that nothing is taken unchecked.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -28,14 +29,14 @@ public:
     const MergeKey& bound(std::size_t region) const { return bounds_[region]; }
     // Nothing comes any more. False if that was known.
     bool finish();
-    bool finished() const { return finished_; }
+    bool finished() const { return finished_; }  // any thread may ask
 
 private:
     MergeKey bound_after(const PartView& part, MergeKey bound) const;
 
     const FrameCounts counts_;
     std::vector<MergeKey> bounds_;
-    bool finished_ = false;
+    std::atomic<bool> finished_{false};
 };
 
 }  // namespace volsplat

@@ -67,11 +67,7 @@ void SplatFrame::finish(int number) {
     for (std::size_t n = 0; n < regions_.size(); ++n) deliver(n, {number, {}, nullptr, source.rules.bound(n), true});
 }
 
-bool SplatFrame::finished(int number) {
-    Source& source = source_at(number);
-    const std::lock_guard lock(source.mutex);
-    return source.rules.finished();
-}
+bool SplatFrame::finished(int number) { return source_at(number).rules.finished(); }
 
 // Wakes only an owner that has waited for it; others find it when they look for more.
 void SplatFrame::deliver(std::size_t region, Arrival arrival) {

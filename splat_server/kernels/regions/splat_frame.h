@@ -61,7 +61,7 @@ public:
               bool last, const std::shared_ptr<const void>& memory);
     // Nothing more will come from the source. What it has handed out is still merged.
     void finish(int source);
-    bool finished(int source);
+    bool finished(int source);  // waits for nobody: whoever asks may hold the GIL
     // Nothing is splatted any more, once its owners have noticed.
     void stop() { stopped_ = true; }
     // Rethrows what an owner failed of.
