@@ -219,6 +219,9 @@ class Walker:
     ) -> tuple[list[tuple[memoryview, memoryview, int, int]], tuple[int, int], bool, int]:
         """Runs, shaded packets and their counts for each region; (sheet, row) reached, if the last, voxels visited."""
 
+def put_side_by_side(memories: Sequence[memoryview], target: memoryview) -> None:
+    """Copies bytes to where the target begins, one memory after the other. Raises ValueError if it is too small."""
+
 class BatchEncoder:
     """Writes batches of one frame without what follows from its lattice; see batch_code.h."""
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 
+from volsplat.mapshade_server._kernels import put_side_by_side
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.messages.message import MOST_BLOCKS
 from volsplat.protocol.messages.messages import BlocksShared
@@ -49,10 +50,8 @@ class SharedBatches:
         block = self._blocks.free_block()
         if block is None:
             return None
-        room, end = memoryview(block), 0
-        for memory in memories:
-            begin, end = end, end + len(memory)
-            room[begin:end] = memory
+        room = memoryview(block)
+        put_side_by_side(memories, room)
         number = self._blocks.number_of(room)
         assert number is not None
         self._blocks.passed(number)

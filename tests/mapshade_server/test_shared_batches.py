@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.patience import PATIENCE
+from volsplat.mapshade_server._kernels import put_side_by_side
 from volsplat.mapshade_server.links import shared_batches as map_shade
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.messages import messages
@@ -137,3 +138,14 @@ def test_many_walkers_have_a_few_blocks_each(walkers: int, blocks: int) -> None:
         received = far.receive()
         assert received is not None and isinstance(received.message, messages.BlocksShared)
         os.close(far.descriptors.take())
+
+
+@given(st.lists(st.binary(max_size=40), max_size=6), st.integers(0, 8))
+def test_memories_lie_side_by_side_where_there_is_room(memories: list[bytes], spare: int) -> None:
+    whole = b"".join(memories)
+    target = memoryview(bytearray(b"x" * (len(whole) + spare)))
+    put_side_by_side([memoryview(memory) for memory in memories], target)
+    assert bytes(target) == whole + b"x" * spare
+    if whole:
+        with pytest.raises(ValueError, match="does not hold"):
+            put_side_by_side([memoryview(memory) for memory in memories], target[: len(whole) - 1])

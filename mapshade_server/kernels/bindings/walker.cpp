@@ -1,6 +1,12 @@
 #include "walker.h"
 
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
 #include <memory>
+#include <stdexcept>
+#include <vector>
 
 #include "walk_arguments.h"
 
@@ -10,6 +16,9 @@ using namespace nb::literals;
 namespace volsplat {
 
 namespace {
+
+using Bytes = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
+using Target = nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 // A writable view of a batch's bytes that keeps the batch from being reused.
 nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t bytes) {
@@ -37,6 +46,19 @@ nb::tuple next_batch(BatchWalker& walker, std::int64_t max_packets, std::int64_t
                           batch->voxels_visited);
 }
 
+// Without the GIL: many walkers of a server do so at once.
+void put_side_by_side(const std::vector<Bytes>& memories, const Target& target) {
+    std::size_t bytes = 0;
+    for (const Bytes& memory : memories) bytes += memory.nbytes();
+    if (bytes > target.nbytes()) throw std::invalid_argument("the memory does not hold what is to lie there");
+    const nb::gil_scoped_release unlocked;
+    std::uint8_t* place = target.data();
+    for (const Bytes& memory : memories) {
+        if (memory.nbytes()) std::memcpy(place, memory.data(), memory.nbytes());
+        place += memory.nbytes();
+    }
+}
+
 }  // namespace
 
 void bind_walker(nb::module_& m) {
@@ -45,6 +67,7 @@ void bind_walker(nb::module_& m) {
         .def_prop_ro("source", [](BatchWalker& walker) {
             return nb::capsule(static_cast<BatchSource*>(&walker), kBatchSourceCapsule);
         });
+    m.def("put_side_by_side", &put_side_by_side, "memories"_a, "target"_a);
 }
 
 }  // namespace volsplat
