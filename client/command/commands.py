@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.choices import meant
+from volsplat.client.caller.meant import meant
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr

@@ -12,7 +12,7 @@ from volsplat.client.caller.arguments import checked_scene, checked_step
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
-from volsplat.client.scene.presets import preset_scene
+from volsplat.client.scene.presets import PRESETS, Preset, preset_scene
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
 from volsplat.client.session.renderer import Renderer
@@ -35,19 +35,23 @@ class UnsuitedPreset(UserWarning):
 
 @overload
 def render(
-    volume: Any, scene: Scene | str | None = None, step: Step | str = Step.F, figure: None = None, **changes: Any
+    volume: Any,
+    scene: Scene | Preset | str | None = None,
+    step: Step | str = Step.F,
+    figure: None = None,
+    **changes: Any,
 ) -> RenderedImage: ...
 
 
 @overload
 def render(
-    volume: Any, scene: Scene | str | None = None, step: Step | str = Step.F, *, figure: Figure, **changes: Any
+    volume: Any, scene: Scene | Preset | str | None = None, step: Step | str = Step.F, *, figure: Figure, **changes: Any
 ) -> RenderedFigure: ...
 
 
 def render(
     volume: Any,
-    scene: Scene | str | None = None,
+    scene: Scene | Preset | str | None = None,
     step: Step | str = Step.F,
     figure: Figure | None = None,
     **changes: Any,
@@ -65,7 +69,9 @@ def render(
         return _rendered(renderer, scene, step, figure, changes)
 
 
-def plot(volume: Any, scene: Scene | str | None = None, *, save: str | Path | None = None, **changes: Any) -> Any:
+def plot(
+    volume: Any, scene: Scene | Preset | str | None = None, *, save: str | Path | None = None, **changes: Any
+) -> Any:
     """Show a volume, as `render` takes it: in a notebook, on the desktop, or as a file.
 
     In a notebook it is a viewport that turns (extra [notebook]), else a picture. In a script with a display it is the
@@ -85,7 +91,7 @@ def plot(volume: Any, scene: Scene | str | None = None, *, save: str | Path | No
 
 def view(
     volume: Any,
-    scene: Scene | str | None = None,
+    scene: Scene | Preset | str | None = None,
     *,
     port: int = 0,
     browser: bool = True,
@@ -111,7 +117,7 @@ def view(
 def export(
     volume: Any,
     path: str | Path,
-    scene: Scene | str | None = None,
+    scene: Scene | Preset | str | None = None,
     *,
     level: float | None = None,
     every: int = 1,
@@ -143,7 +149,7 @@ def in_notebook() -> bool:
     return shell is not None and type(shell.get_ipython()).__name__ == NOTEBOOK_SHELL
 
 
-def _in_notebook(volume: Any, scene: Scene | str | None, changes: dict[str, Any]) -> Any:
+def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Any:
     from importlib.util import find_spec
 
     if any(find_spec(library) is None for library in ("anywidget", "nicegui")):
@@ -153,7 +159,7 @@ def _in_notebook(volume: Any, scene: Scene | str | None, changes: dict[str, Any]
 
 
 def _rendered(
-    renderer: Renderer, scene: Scene | str | None, step: Step, figure: Figure | None, changes: dict[str, Any]
+    renderer: Renderer, scene: Scene | Preset | str | None, step: Step, figure: Figure | None, changes: dict[str, Any]
 ) -> RenderedImage | RenderedFigure:
     of = renderer.volume
     of.check_has_values()
@@ -168,7 +174,7 @@ def _rendered(
 
 def _exported(
     single: SingleProcess,
-    scene: Scene | str | None,
+    scene: Scene | Preset | str | None,
     path: Path,
     level: float | None,
     every: int,
@@ -179,11 +185,12 @@ def _exported(
     return write_export(single, _scene(single.volume, scene, changes), path, level, every, light)
 
 
-def _scene(volume: SurveyedVolume, scene: Scene | str | None, changes: dict[str, Any]) -> Scene:
+def _scene(volume: SurveyedVolume, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Scene:
     if scene is None:
         base = volume.default_scene()
     else:
-        base = _preset(volume, scene) if isinstance(scene, str) else checked_scene(scene)
+        name = PRESETS.name_of(scene) if isinstance(scene, Preset) else scene
+        base = _preset(volume, name) if isinstance(name, str) else checked_scene(name)
     return base.with_(**changes)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from support.programs.programs import Person
-from volsplat.client.command.choices import nearest
+from volsplat.client.caller.meant import nearest
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom

@@ -141,9 +141,12 @@ def test_every_preset_of_a_scan_is_seen_from_the_front(name: str) -> None:
         assert preset_scene(name, known).view == View(rotation=named_view("front"))
 
 
-def test_an_unknown_preset_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(BadInput, match="--preset skin: no such preset; choose one of ct-skin, ct-bone, surfaces"):
-        preset_scene("skin")
+def test_a_preset_is_found_whatever_the_case_and_one_that_is_not_there_is_refused_with_what_was_meant() -> None:
+    assert PRESETS["CT-Bone"] is PRESETS["ct-bone"] and PRESETS.name_of(PRESETS["CT-Bone"]) == "ct-bone"
+    with pytest.raises(BadInput, match=r"there is no preset ct-skni \(did you mean ct-skin\?\)"):
+        preset_scene("ct-skni")
+    with pytest.raises(BadInput, match=r"there is no preset 17 \(choose from ct-skin, ct-bone, surfaces"):
+        preset_scene("17")
 
 
 def test_every_preset_tells_what_it_is_in_one_line() -> None:

@@ -53,7 +53,8 @@ def test_a_saved_image_holds_its_scene(image: vs.RenderedImage, tmp_path: Path) 
 def test_presets_are_there_by_name() -> None:
     drawn = vs.render(BALL, "depth-cue", size=16)
     assert drawn.scene.cross_bar.modu == "screen-z" and "depth-cue" in vs.presets
-    with pytest.raises(vs.BadInput, match="no such preset"):
+    assert vs.render(BALL, vs.presets["Depth-Cue"], size=16).scene == drawn.scene
+    with pytest.raises(vs.BadInput, match="did you mean ct-bone"):
         vs.render(BALL, "ct-bones")
 
 
