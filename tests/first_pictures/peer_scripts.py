@@ -12,6 +12,7 @@ class Tool:
     packages: tuple[str, ...]  # from PyPI, into an environment of its own; none for what a system's packages bring
     program: str  # that runs the scripts
     scripts: dict[str, str]  # by kind of volume, as far as it has a reader
+    in_notebook: bool = False  # it draws in a notebook's browser alone: the script is a cell, which shows the picture
 
 
 OPENED_MRC = "import mrcfile\nmap = mrcfile.open('FILE')\nspacing = map.voxel_size.tolist()\n"
@@ -141,4 +142,28 @@ PARAVIEW = Tool(
     },
 )
 
-TOOLS = {"volsplat": VOLSPLAT, "pyvista": PYVISTA, "vedo": VEDO, "napari": NAPARI, "yt": YT, "ParaView": PARAVIEW}
+_WIDGET = "import itk\nfrom itkwidgets import view\nview(itk.imread('FILE'))\n"
+ITKWIDGETS = Tool(
+    # Of later ones the viewer comes from elsewhere than PyPI; with later ipywidgets this one's does not load.
+    ("itkwidgets==0.32.6", "itk-io", "notebook==6.4.13", "ipywidgets==7.6.6", "widgetsnbextension==3.5.2", "astropy"),
+    "python",
+    {
+        **dict.fromkeys(("CT, NIfTI", "CT, DICOM", "map, MRC"), _WIDGET),
+        "array, NumPy": (
+            "import itk\nimport numpy as np\nfrom itkwidgets import view\n"
+            "image = itk.image_view_from_array(np.load('FILE'))\nimage.SetSpacing((1, 1, 2))\nview(image)\n"
+        ),
+        "cube, FITS": OPENED_FITS + "from itkwidgets import view\nview(cube)\n",
+    },
+    in_notebook=True,
+)
+
+TOOLS = {
+    "volsplat": VOLSPLAT,
+    "pyvista": PYVISTA,
+    "vedo": VEDO,
+    "napari": NAPARI,
+    "yt": YT,
+    "itkwidgets": ITKWIDGETS,
+    "ParaView": PARAVIEW,
+}

@@ -61,13 +61,15 @@ def environment(name: str, tool: Tool, folder: Path) -> Path | None:
     return place / "bin/python"
 
 
-def drawn(program: Path, script: str, volume: Path, picture: Path) -> Drawn:
+def drawn(program: Path, script: str, volume: Path, picture: Path, in_notebook: bool) -> Drawn:
     """From the start of the program to its end, with the picture in a file."""
     lines = len(script.splitlines())
     text = script.replace("FILE", str(volume)).replace("PICTURE", str(picture))
     picture.with_suffix(".py").write_text(text)
     command = [str(program), str(picture.with_suffix(".py"))]
-    if shutil.which("xvfb-run"):
+    if in_notebook:
+        command = [sys.executable, "-m", "first_pictures.notebook_peer", *command, str(picture)]
+    elif shutil.which("xvfb-run"):
         command = ["xvfb-run", "-a", *command]
     picture.unlink(missing_ok=True)
     began, used = time.perf_counter(), processor_seconds()
@@ -116,7 +118,8 @@ def measure(environments: Path, out: Path, name: str) -> None:
     for kind in VOLUMES:
         one = Drawn()
         if script := tool.scripts.get(kind):
-            one = drawn(program, script, given(kind, out), out / f"{kind.replace(', ', '-')}-{name}.png")
+            picture = out / f"{kind.replace(', ', '-')}-{name}.png"
+            one = drawn(program, script, given(kind, out), picture, tool.in_notebook)
         print(f"{name}, {kind}: {one.lines} lines, {one.seconds:.1f} s {one.said}", flush=True)
         found[kind] = one
     (out / f"{name}.json").write_bytes(msgspec.json.encode(found))
