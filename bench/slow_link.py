@@ -46,8 +46,11 @@ class _Direction:
 
 
 @contextmanager
-def slow_link(port: int, *, bits_per_second: float, round_trip: float) -> Iterator[int]:
-    """A port of this machine that leads to `port`, slowly. `round_trip` in seconds, half of it each way."""
+def slow_link(port: int, *, bits_per_second: float, round_trip: float, at: int = 0) -> Iterator[int]:
+    """A port of this machine, any free one or `at`, that leads to `port`, slowly.
+
+    `round_trip` in seconds, half of it each way.
+    """
     loop = asyncio.new_event_loop()
 
     async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -62,7 +65,7 @@ def slow_link(port: int, *, bits_per_second: float, round_trip: float) -> Iterat
                 )
 
     async def listen() -> asyncio.Server:
-        return await asyncio.start_server(connected, "127.0.0.1", 0)
+        return await asyncio.start_server(connected, "127.0.0.1", at)
 
     thread = threading.Thread(target=loop.run_forever, name="slow link")
     thread.start()

@@ -21,11 +21,12 @@ WINDOW = KEYS["quantise.window"]
 def density_window_fields(editor: SceneEditor, viewing: Viewing) -> None:
     """Both ends, and buttons for the windows that hold all or most of the voxels."""
     volume = viewing.volume
+    called = volume.description.density_name
     with ui.element("div").classes("vs-row vs-fields"):
-        label = ui.label("density").classes("vs-label vs-narrow")
-        label.tooltip("the window of densities, in the data's units, that becomes the 256 entries of a table")
-        for side, name in enumerate(("lowest density", "highest density")):
-            _end_field(editor, volume.automatic_window, side, name)
+        label = ui.label(called).classes("vs-label vs-of-volume")
+        label.tooltip(f"the window of {called}, in the data's units, that becomes the 256 entries of a table")
+        for side, end in enumerate(("lowest", "highest")):
+            _end_field(editor, volume.automatic_window, side, f"{end} {called}")
     with ui.element("div").classes("vs-buttons"):
         _button(editor, "automatic", "auto", "chosen from the data")
         for text, low, high, meaning in (

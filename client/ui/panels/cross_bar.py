@@ -31,7 +31,8 @@ def _heads(called: dict[Field, str]) -> None:
             ui.label(group)
     with ui.element("div").classes("vs-wires vs-wire-heads").props("aria-hidden=true"):
         for field in Field:
-            ui.label(field.value[:3] if field in ALONE else field.value[-1]).tooltip(called[field])
+            short = called[field].removeprefix("gradient ")[:3] if field in ALONE else field.value[-1]
+            ui.label(short).tooltip(called[field])
 
 
 def _table_row(editor: SceneEditor, table: str, called: dict[Field, str]) -> None:

@@ -99,8 +99,9 @@ class TablesPanel:
             self._greatest = ui.label().classes("vs-number")
         with ui.element("div").classes("vs-row"):
             label = ui.label("Shift").classes("vs-label")
-            label.tooltip("moves all that is indexed by density along it, in the data’s units")
-            self._shift_slider = ShiftSlider("shift of all tables by density", self._shift)
+            called = self._volume.description.density_name
+            label.tooltip(f"moves all that is indexed by {called} along it, in the data’s units")
+            self._shift_slider = ShiftSlider(f"shift of all tables by {called}", self._shift)
         self._show_head()
 
     def _build_table(self, which: str) -> TableEditor:
