@@ -21,6 +21,7 @@ from importlib import import_module
 import msgspec
 
 from volsplat.deploy.server_command import Program
+from volsplat.program.many_imports import many_imports
 
 STDIN = 0
 LINE_BYTES = 1 << 16  # read at once
@@ -135,9 +136,10 @@ def main() -> None:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, STDIN)  # of the servers
     os.close(nothing)
-    for module in (*(f"{program.value}.command" for program in Program), *sys.argv[1:]):
-        with suppress(Exception):  # the server tells why it cannot be loaded
-            import_module(module)
+    with many_imports():
+        for module in (*(f"{program.value}.command" for program in Program), *sys.argv[1:]):
+            with suppress(Exception):  # the server tells why it cannot be loaded
+                import_module(module)
     if run := ForkServer(link).serve():
         run()
 

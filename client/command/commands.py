@@ -17,6 +17,7 @@ from volsplat.client.caller.meant import meant
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
+from volsplat.program.many_imports import many_imports
 from volsplat.protocol.text.errors import BadInput
 
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
@@ -92,7 +93,7 @@ class Commands(click.Group):
             return _becoming(name, entry.program)
         if entry.torch:
             _need_torch(name)
-        with interrupts_held():
+        with interrupts_held(), many_imports():
             command: click.Command = getattr(import_module(entry.module.format(name=name)), name)
         return command
 

@@ -20,6 +20,7 @@ from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.deploy.cluster_file import read_cluster
+from volsplat.program.many_imports import many_imports
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS, silence_option, tls_option
 from volsplat.program.this_machine import usable_cores
@@ -165,7 +166,7 @@ def opened(
                 console.say(text)
 
         with opened_quietly(volume, servers, spawns, say, console) as renderer:
-            with interrupts_held():
+            with interrupts_held(), many_imports():
                 for module in imports:
                     import_module(module)
             renderer.volume.check_has_values()

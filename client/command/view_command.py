@@ -38,6 +38,7 @@ from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.client.ui.doors.public_address import PublicAddress
 from volsplat.program.confinement import can_confine
 from volsplat.program.extras import need
+from volsplat.program.many_imports import many_imports
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
 from volsplat.protocol.description.scene import PaperStep, Refine, Scene
@@ -283,7 +284,7 @@ def _serve(
     tab: BrowserTab | None,
     console: PlainConsole,
 ) -> None:
-    with interrupts_held():
+    with interrupts_held(), many_imports():
         from volsplat.client.ui.application import Application
         from volsplat.client.ui.opening.start_page import start_page
         from volsplat.client.ui.page import page
