@@ -38,8 +38,8 @@ _CANVAS = "() => { const c = window.volsplatViewport.canvas; return [c.clientWid
 _ROTATION = "() => window.volsplatViewport.view.rotation"
 _NOTES = """() => ({
     sent: window.volsplatViewport.sent.map(({ event, at }) => [event, at]),
-    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height }) =>
-        [number, event, shownAt, step, width, height]),
+    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height, every }) =>
+        [number, event, shownAt, step, width, height, every]),
 })"""
 _FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
 # Width, height, and the bytes of red, green, blue and alpha.
@@ -66,6 +66,13 @@ class ShownPicture(NamedTuple):
     step: str
     width: int
     height: int
+    every: int  # of so many voxels on each axis one was drawn
+
+    @property
+    def way(self) -> str:
+        """In words."""
+        left_out = "" if self.every == 1 else f" with every {'2nd' if self.every == 2 else f'{self.every}th'} voxel"
+        return f"{self.step} in {self.width} x {self.height}{left_out}"
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,7 @@ class Drag:
 
     def drawn_as(self) -> dict[str, float]:
         """Steps and sizes, with the share of the moving pictures that were drawn so, the most frequent first."""
-        ways = Counter(f"{picture.step} in {picture.width} x {picture.height}" for picture in self.moving())
+        ways = Counter(picture.way for picture in self.moving())
         return {way: count / ways.total() for way, count in ways.most_common()}
 
     def stale(self) -> int:

@@ -90,6 +90,7 @@ class FrameAsked:
     """An image is wanted; if `require_complete`, only one that shows the whole volume.
 
     One that need not be `exact` is only looked at: where the link is slow it may come with 8 bits a channel.
+    Its samples may be coarser by `octaves` than the step's are as a rule.
     """
 
     frame: int  # rises with every request
@@ -97,6 +98,7 @@ class FrameAsked:
     step: Step
     require_complete: bool
     exact: bool = True  # the finished image
+    octaves: int = 0
 
 
 @dataclass(frozen=True)

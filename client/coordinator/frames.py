@@ -53,7 +53,9 @@ class Frames:
     @takes(FrameAsked)
     def asked(self, event: FrameAsked) -> list[Instruction]:
         replaced = self.frame
-        self.frame = RunningFrame(event.frame, event.scene, event.step, event.require_complete, exact=event.exact)
+        self.frame = RunningFrame(
+            event.frame, event.scene, event.step, event.require_complete, exact=event.exact, octaves=event.octaves
+        )
         begun = self.begin()
         if replaced is None:
             return begun
@@ -78,7 +80,7 @@ class Frames:
                 return holding.prepare(packing) if holding.gives_way(packing) else []
             if not holding.holds(packing):
                 return holding.prepare(packing)
-            resolution = holding.resolution(frame.step, frame.scene.refine.striding)
+            resolution = holding.resolution(frame.step, frame.scene.refine.striding, frame.octaves)
             render = frame_request(
                 frame.frame,
                 holding.assignment,

@@ -19,6 +19,7 @@ class RunningFrame:
     step: Step
     require_complete: bool  # only an image that shows the whole volume is wanted
     exact: bool = True  # bit for bit; else it is only looked at
+    octaves: int = 0  # by which it is coarser than its step is as a rule
     request: RenderFrame | None = None  # as it was sent to the servers
     rectangles: dict[int, Rectangle] = field(default_factory=dict)  # of the image, by splat server
     why_level: str = ""

@@ -125,12 +125,12 @@ class VolumeHolding:
         self._held = True
         return self._read_sub_cubes()
 
-    def resolution(self, step: Step, striding: bool) -> Resolution:
-        """What a step draws of the packets that are held."""
+    def resolution(self, step: Step, striding: bool, octaves: int = 0) -> Resolution:
+        """What a step draws of the packets that are held, coarser by `octaves` than it is as a rule."""
         assert self.volume is not None and self.packing is not None
         if self._levels is None:
-            return own_resolution(self.volume.description.geometry, step)
-        return resolution_of(step, self._levels.grids, self.packing.base_level, striding)
+            return own_resolution(self.volume.description.geometry, step, octaves)
+        return resolution_of(step, self._levels.grids, self.packing.base_level, striding, octaves)
 
     def finest(self) -> Resolution:
         """The most that can be told of what is held."""

@@ -279,12 +279,14 @@ class Session:
         partial_interval: float = PARTIAL_INTERVAL,
         first: Step = Step.A,
         exact: Collection[Step] = ALL_STEPS,
+        octaves: int = 0,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
         The first partial image of step G comes as soon as its first slabs show anything. Finished images of the `exact`
         steps keep each bit. By a slow link all others, and partial images, come with 8 bits a channel, which look the
-        same.
+        same. Samples may be coarser by 1 or 2 `octaves` than a step's are: of all voxels every 2nd or 4th on each axis,
+        or a prepared volume's means.
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
@@ -295,10 +297,10 @@ class Session:
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
-        return self._refined(scene, first, last, interval, exact)
+        return self._refined(scene, first, last, interval, exact, octaves)
 
     def _refined(
-        self, scene: Scene, first: Step, last: Step, partial_interval: float, exact: Collection[Step]
+        self, scene: Scene, first: Step, last: Step, partial_interval: float, exact: Collection[Step], octaves: int
     ) -> Iterator[Refinement]:
         asked: list[int] = []  # the newest frame of this refinement
 
@@ -306,7 +308,7 @@ class Session:
             healing = False  # what is left has been seen, and others read the rest: wait for the whole
             while True:
                 after = asked[-1] if asked else None
-                frame, answers = self._ask(scene, step, healing, after, step in exact)
+                frame, answers = self._ask(scene, step, healing, after, step in exact, octaves)
                 asked.append(frame)
                 healing = False
                 try:
@@ -502,14 +504,20 @@ class Session:
     # -- frames
 
     def _ask(
-        self, scene: Scene, step: Step, require_complete: bool, after: int | None = None, exact: bool = True
+        self,
+        scene: Scene,
+        step: Step,
+        require_complete: bool,
+        after: int | None = None,
+        exact: bool = True,
+        octaves: int = 0,
     ) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
         self._check_has_volume()
         check_room_for_image(scene.image.width, scene.image.height)
         frame, answers = self._frames.ask(after)
         self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
-        self._events.put(FrameAsked(frame, scene, step, require_complete, exact))
+        self._events.put(FrameAsked(frame, scene, step, require_complete, exact, octaves))
         return frame, answers
 
     def _log(self, event: str, line: str, frame: int) -> None:

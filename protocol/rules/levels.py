@@ -50,18 +50,19 @@ class Resolution(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"a resolution's stride must be 1 to {GREATEST_STRIDE}, not {self.stride}")
 
 
-def own_resolution(geometry: Geometry, step: Step) -> Resolution:
+def own_resolution(geometry: Geometry, step: Step, octaves: int = 0) -> Resolution:
     """A volume without further levels: it is strided, as in the paper."""
-    return Resolution(level=0, geometry=geometry, stride=STEP_RULES[step].stride)
+    return Resolution(level=0, geometry=geometry, stride=STEP_RULES[step].stride << octaves)
 
 
-def resolution_of(step: Step, levels: Sequence[Geometry], base: int, striding: bool) -> Resolution:
-    """What `step` is drawn from where the finest step takes level `base`.
+def resolution_of(step: Step, levels: Sequence[Geometry], base: int, striding: bool, octaves: int = 0) -> Resolution:
+    """What `step` is drawn from where the finest step takes level `base`; coarser by `octaves` than it is as a rule.
 
     Coarser steps take coarser levels, whose voxels are means, unless `striding`; where there are no more, they stride.
     """
-    coarser = 0 if striding else min(STEP_RULES[step].octaves, len(levels) - 1 - base)
-    stride = STEP_RULES[step].stride >> coarser
+    all_octaves = STEP_RULES[step].octaves + octaves
+    coarser = 0 if striding else min(all_octaves, len(levels) - 1 - base)
+    stride = 1 << (all_octaves - coarser)
     return Resolution(level=base + coarser, geometry=levels[base + coarser], stride=stride)
 
 

@@ -17,7 +17,8 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing import drawing_loop
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
-from volsplat.client.ui.viewing.pacing import Rung
+from volsplat.client.ui.viewing.image_size import scaled
+from volsplat.client.ui.viewing.pacing import Rung, ladder
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
@@ -94,6 +95,27 @@ def test_a_moving_scene_is_drawn_in_a_smaller_image_that_holds_the_rate(drawn: D
     refined = drawn.last()
     assert refined[0].step is Step.F  # what was on the screen is as fine as that
     assert refined[-1].in_full_size and np.array_equal(refined[-1].published.pixels, still)
+
+
+def test_a_moving_scene_that_takes_too_long_is_drawn_lit_with_fewer_voxels(drawn: Drawn) -> None:
+    whole = drawn.session.finish(drawn.model.scene).published.pixels
+    slow = [rung for rung in ladder(drawn.model.scene) if rung.step is Step.F and rung.octaves == 0]
+    strided = Rung(Step.F, slow[0].share, octaves=1)
+    for _ in range(20):
+        for rung in reversed(slow):
+            drawn.loop.pacing.measured(rung, 0.2)
+        drawn.loop.pacing.measured(strided, 0.001)
+    drawn.zoom_by(1.0, settled=False)
+    moving = drawn.next()
+    assert (moving.step, moving.every, moving.complete) == (Step.F, 2, True)
+    seen, side = moving.published_in_full_size.pixels, moving.published.width
+    all_voxels = drawn.session.finish(scaled(drawn.model.scene, strided.share)).published
+    assert all_voxels.width == side and not np.array_equal(all_voxels.pixels, moving.published.pixels)
+    unlit_blocks = drawn.session.finish(drawn.model.scene, Step.A).published.pixels
+    assert np.abs(seen - whole).mean() < 0.5 * np.abs(unlit_blocks - whole).mean()
+
+    drawn.model.change(lambda scene: scene)
+    assert np.array_equal(drawn.last()[-1].published.pixels, whole)
 
 
 def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -171,7 +171,7 @@ class DrawingLoop:
         """One picture, perhaps smaller than the scene's: the page shows it as large."""
         rung = self.pacing.while_moving(state.scene)
         scene, step = scaled(state.scene, rung.share), rung.step
-        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, first=step, exact=()):
+        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), octaves=rung.octaves):
             self._publish(state, refinement, rung)
 
     def _refine(self, state: SceneState) -> None:
@@ -220,7 +220,14 @@ class DrawingLoop:
             self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         self._number += 1
         picture = Picture(
-            self._number, state, refinement.step, refinement.published, refinement.outcome, data, refinement.undrawn
+            self._number,
+            state,
+            refinement.step,
+            refinement.published,
+            refinement.outcome,
+            data,
+            refinement.undrawn,
+            1 if drawn is None else drawn.every,
         )
         if refinement.complete:
             self._shown = picture

@@ -1,7 +1,8 @@
 """What to draw while things move: the best picture that holds the wanted rate, from measured times.
 
 Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
-height it is more like the finished picture than a coarser step of the whole size (docs/how_it_works/performance.md).
+height it is more like the finished picture than a coarser step of the whole size. So it is, where that takes too long,
+with every 2nd or 4th voxel on each axis in the smallest image (docs/notes/performance_log.md).
 """
 
 from __future__ import annotations
@@ -17,16 +18,26 @@ LEAST_SIDE = 160  # pixels of a smaller image
 _NEWEST_WEIGHT = 0.4  # of the newest time in the running mean
 _NEWS = 1.6  # a change of one time by this factor tells of the others as well
 _MARGIN = 0.8  # of the time between two images that a better one may take; what is drawn already may take all of it
-_LIT_PATIENCE = 1.6  # intervals that the smallest image of the finest step may take before coarser steps are drawn
+_LIT_PATIENCE = 1.6  # intervals that the smallest image of the finest step may take before fewer voxels are drawn
 _SLACK = 1.5  # by which a smaller image may be thought slower than the whole one's time tells
-_VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save
+_VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save by half an octave
+_MOST_OCTAVES = 2
 
 
 class Rung(NamedTuple):
-    """One way to draw: a step, in an image whose width and height are this share of the scene's."""
+    """One way to draw: a step, in an image whose width and height are this share of the scene's.
+
+    Of the voxels that it draws as a rule, one in 2**octaves on each axis.
+    """
 
     step: Step
     share: float = 1.0
+    octaves: int = 0
+
+    @property
+    def every(self) -> int:
+        """Of so many voxels on each axis one is drawn, by a step that draws all as a rule."""
+        return 1 << self.octaves
 
 
 def ladder(scene: Scene) -> list[Rung]:
@@ -34,7 +45,10 @@ def ladder(scene: Scene) -> list[Rung]:
     *coarser, finest = PAPER_STEPS
     side = min(scene.image.width, scene.image.height)
     smaller = [Rung(finest, share) for share in SMALLER if share * side >= LEAST_SIDE]
-    return [*map(Rung, coarser), *smaller, Rung(finest)]
+    if not smaller:
+        return [*map(Rung, coarser), Rung(finest)]
+    strided = [smaller[0]._replace(octaves=octaves) for octaves in range(_MOST_OCTAVES, 0, -1)]
+    return [*strided, *smaller, Rung(finest)]
 
 
 class Pacing:
@@ -79,7 +93,7 @@ class Pacing:
         return self._moving
 
     def while_moving(self, scene: Scene) -> Rung:
-        """The best that holds the rate; step A if nothing is known to.
+        """The best that holds the rate; what is the fastest if nothing is known to.
 
         What is drawn is kept until it takes too long, and left for a better one only if that will surely do: times
         vary, and an image that changes its looks with them flickers.
@@ -97,9 +111,9 @@ class Pacing:
 
 def _of_whole(rung: Rung, seconds: float) -> float:
     """Likely seconds of an image whose step takes so many in the whole size."""
-    return seconds * (_VOXELS_SHARE + (1 - _VOXELS_SHARE) * rung.share**2)
+    return seconds * (_VOXELS_SHARE / rung.every + (1 - _VOXELS_SHARE) * rung.share**2)
 
 
 def _is_smallest_lit(rungs: list[Rung], place: int) -> bool:
-    """Whether this is the fastest way to draw the finest step; anything coarser looks quite different."""
-    return place == next(n for n, rung in enumerate(rungs) if rung.step == rungs[-1].step)
+    """Whether this is the fastest way to draw all voxels by the finest step; anything coarser looks quite different."""
+    return place == next(n for n, rung in enumerate(rungs) if rung.step == rungs[-1].step and rung.octaves == 0)

@@ -27,6 +27,7 @@ class Picture:
     outcome: StepOutcome | None  # None while the step is still being drawn
     data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
     undrawn: tuple[Rectangle, ...] = ()  # see Refinement
+    every: int = 1  # of so many of the step's voxels on each axis one was drawn, while things moved
 
     @property
     def complete(self) -> bool:
