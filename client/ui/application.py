@@ -45,6 +45,7 @@ ALIVE_PATH = "/alive"  # where a page asks whether anybody is there
 STATIC_PATH = "/volsplat/static"
 MODULES_PATH = f"/_nicegui/{nicegui.__version__}/esm"  # the same, as components import it
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
+RECONNECT_SECONDS = 10.0  # that a page may be cut off or busy, and then goes on as it was; it is loaded anew after more
 LOADING_SECONDS = 30.0  # that a browser may take from the page to its viewport
 
 
@@ -120,6 +121,7 @@ class Application:
             dark=None,
             tailwind=False,
             show_welcome_message=False,
+            reconnect_timeout=RECONNECT_SECONDS,
             gzip_middleware_factory=None,  # nonces come first
         )
         compressed = GZipMiddleware(ScriptNonces(application), minimum_size=SMALLEST_COMPRESSED)

@@ -32,6 +32,8 @@ from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Image, Scene
 
+UNUSED_SECONDS = 3600  # a connection; who asks again just when it is closed gets no answer
+
 UNSEEN = Image(width=64, height=48)  # small, so that servers are soon done with what no panel shows
 
 
@@ -96,7 +98,9 @@ def main(volume: str) -> None:
         url = f"http://127.0.0.1:{listener.getsockname()[1]}"
         scene = msgspec.structs.replace(session.default_scene(), image=UNSEEN)
         viewing = opened_viewing(session, scene)
-        server = uvicorn.Server(uvicorn.Config(application(viewing), log_level="warning"))
+        server = uvicorn.Server(
+            uvicorn.Config(application(viewing), log_level="warning", timeout_keep_alive=UNUSED_SECONDS)
+        )
         print(url, flush=True)
         server.run(sockets=[listener])
 

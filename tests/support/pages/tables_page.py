@@ -28,6 +28,8 @@ from volsplat.protocol.description.scene import ColourTable, Quantise, ScalarTab
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules.index_rules import Survey
 
+UNUSED_SECONDS = 3600  # a connection; who asks again just when it is closed gets no answer
+
 WINDOW = (-1000.0, 1550.0)  # ten units for each entry of a table
 
 
@@ -90,7 +92,7 @@ def application() -> FastAPI:
 
 def main() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        server = uvicorn.Server(uvicorn.Config(application(), log_level="warning"))
+        server = uvicorn.Server(uvicorn.Config(application(), log_level="warning", timeout_keep_alive=UNUSED_SECONDS))
         print(f"http://127.0.0.1:{listener.getsockname()[1]}", flush=True)
         server.run(sockets=[listener])
 
