@@ -13,7 +13,7 @@ HALF_A_LATTICE_STEP = 1 / 128
 """Positions are rounded to 1/64 pixel (design, section 3.6)."""
 
 A_LATTICE_STEP = 1 / 64
-"""In frames with footprints each sheet rounds them by a threshold of its own (protocol/rules/rounding.py)."""
+"""Each sheet of footprints rounds them by a threshold of its own, and down where a voxel is one pixel (rounding.py)."""
 
 DDA_DRIFT = 1e-6
 """Pixels: half steps are rounded to 2^-32, and some thousands of them add up."""

@@ -18,6 +18,7 @@ from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.rules.resolved_view import FIT_FRACTION, bounding_radius, resolved_zoom
+from volsplat.protocol.rules.rounding import TO_NEAREST
 
 
 @given(situations(largest=40), st.sampled_from(Step))
@@ -26,7 +27,7 @@ def test_positions_of_the_plan_are_the_exact_ones_on_the_lattice(situation: tupl
     plan = plan_frame(scene, geometry, step)
     samples = mapping.samples_of(scene, geometry, plan)
     off = (samples.lattice.double() / 2**SUBPIXEL_BITS - samples.exact).abs().max()
-    rounded = A_LATTICE_STEP if plan.footprint else HALF_A_LATTICE_STEP
+    rounded = HALF_A_LATTICE_STEP if plan.thresholds == TO_NEAREST else A_LATTICE_STEP
     assert off <= rounded + DDA_DRIFT
 
 
