@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, coder_of
+from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, VoxelBatchCoder, coder_of
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import FramePlan
@@ -75,7 +75,7 @@ class LinkCoding:
     def __init__(self) -> None:
         self.choice = CodingChoice()
         self._plan: FramePlan | None = None
-        self._coders: dict[int, BatchCoder | None] = {}  # of the frame, by walker
+        self._coders: dict[int, BatchCoder | VoxelBatchCoder | None] = {}  # of the frame, by walker
 
     def begin_frame(self, plan: FramePlan) -> None:
         self.choice.begin_frame()
@@ -92,7 +92,7 @@ class LinkCoding:
         self.choice.coded(level, batch.raw_bytes, len(coded), time.perf_counter() - began)
         return coded
 
-    def _coder(self, walker: int) -> BatchCoder | None:
+    def _coder(self, walker: int) -> BatchCoder | VoxelBatchCoder | None:
         assert self._plan is not None
         if walker not in self._coders:
             self._coders[walker] = coder_of(self._plan)

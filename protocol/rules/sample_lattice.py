@@ -7,6 +7,8 @@ or last ordinal, where the block is clipped, how far its centre is from where th
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.traversal import AxisVisits
 
+VOXEL_CODE = b"\xff\xff"  # with which codes of unshaded voxels begin, which say all, and no others do
+
 
 def sample_lattice(plan: FramePlan) -> list[int]:
     """As kernels/batch_code.h has it: the origin's x and y, then for sheet, row and sample the last ordinal, and x and

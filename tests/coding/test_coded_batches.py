@@ -1,6 +1,7 @@
 """Coded batches: what a walk sends comes back as the same bytes, and what no walk sends is refused, never obeyed."""
 
 import pytest
+import torch
 import zstandard
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -20,7 +21,7 @@ from support.scenes.shaded_packets import all_batches
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder
+from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, VoxelBatchCoder, coder_of
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.description.scene import Bounds, Image, Order, Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -29,7 +30,6 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES
-from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.sample_lattice import sample_lattice
 from volsplat.protocol.rules.shading_rule import shading_rule
@@ -42,7 +42,9 @@ TURN = (0.3, 0.4, 0.1, 0.8)
 
 
 def there_and_back(plan: FramePlan, parts: list[ShadedPart]) -> bytes:
-    return payload_of(BatchCoder(plan).coded(parts, QUICK), counts_of(parts))
+    coder = coder_of(plan)
+    assert coder is not None
+    return payload_of(coder.coded(parts, QUICK), counts_of(parts))
 
 
 def payload_of(coded: bytes, counts: list[BatchPart]) -> bytes:
@@ -59,7 +61,7 @@ def plan_of(
     return plan_frame(scene, geometry, step)
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS), limit=st.integers(1, 400))
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step), limit=st.integers(1, 400))
 def test_what_a_walk_sends_comes_back(data: st.DataObject, geometry: Geometry, step: Step, limit: int) -> None:
     scene = data.draw(shaded_scenes(geometry, Image(width=200, height=120)))
     plan = plan_frame(scene, geometry, step)
@@ -145,6 +147,23 @@ def test_a_code_is_never_larger_than_is_said_and_coded_it_is_less_than_half() ->
     assert len(code_of(plan, [part])) <= largest_code(part.run_count, part.packet_count)
     for level in (QUICK, CLOSE):
         assert len(BatchCoder(plan).coded([part], level)) < len(raw_bytes([part])) / 2
+
+
+def test_voxels_are_coded_in_less_than_half_and_a_code_of_other_counts_is_refused() -> None:
+    plan = plan_of(Geometry((24, 24, 24)), Step.G, zoom=2.0)
+    sub_cube = SubCube.of_volume(Geometry((24, 24, 24)), torch.rand((24, 24, 24)))
+    sub_cube.pack(PLAIN)
+    rule = shading_rule(plain_scene(), Step.G)
+    batch = all_batches(FrameWalk([sub_cube], Geometry((24, 24, 24)), PLAIN, rule, plan))[0]
+    part = max(batch.parts, key=lambda part: part.packet_count)
+    assert part.packet_count > 1000
+    for level in (QUICK, CLOSE):
+        coded = VoxelBatchCoder().coded([part], level)
+        assert len(coded) < len(raw_bytes([part])) / 2
+        assert payload_of(coded, counts_of([part])) == raw_bytes([part])
+        for runs, packets in ((part.run_count + 1, part.packet_count), (part.run_count, part.packet_count - 1)):
+            with pytest.raises(ValueError, match="bytes of voxels"):
+                payload_of(coded, [BatchPart(runs, packets)])
 
 
 def test_what_is_not_on_the_plans_lattice_is_not_coded() -> None:

@@ -70,8 +70,9 @@ def frame_of(batches: list[ShadedBatch], link: DataLink, frame: int, plan: Frame
         costs.append(link.send(message, batch.parts))
 
 
-def test_over_a_slow_link_batches_come_coded_and_have_the_same_bytes() -> None:
-    batches, costs, coded = sent_over(SLOW)
+@pytest.mark.parametrize("step", [Step.F, Step.G])
+def test_over_a_slow_link_batches_come_coded_and_have_the_same_bytes(step: Step) -> None:
+    batches, costs, coded = sent_over(SLOW, step)
     assert coded
     saved = FRAMES * sum(len(raw_bytes(batch.parts)) for batch in batches) - sum(cost.nbytes for cost in costs)
     assert saved > 0
@@ -85,13 +86,13 @@ def test_within_a_machine_batches_come_raw_in_memory_that_both_sides_see() -> No
     assert all(cost.coding_seconds < cost.seconds + 1.0 for cost in costs)
 
 
-def sent_over(bits_per_second: float | None) -> tuple[list[ShadedBatch], list[Sent], int]:
+def sent_over(bits_per_second: float | None, step: Step = Step.F) -> tuple[list[ShadedBatch], list[Sent], int]:
     """Frames sent and compared; the batches of one, what each cost, and how many came coded."""
     scene = plain_scene(opacity=0.5, view=View(rotation=(0.1, 0.2, 0.0, 1.0), zoom=4.0), size=(256, 256))
-    plan = plan_frame(scene, GEOMETRY, Step.F)
+    plan = plan_frame(scene, GEOMETRY, step)
     sub_cube = SubCube.of_volume(GEOMETRY, torch.rand(GEOMETRY.dims, generator=torch.Generator().manual_seed(1)))
     sub_cube.pack(PLAIN)
-    batches = all_batches(FrameWalk([sub_cube], GEOMETRY, PLAIN, shading_rule(scene, Step.F), plan), 16384)
+    batches = all_batches(FrameWalk([sub_cube], GEOMETRY, PLAIN, shading_rule(scene, step), plan), 16384)
     costs: list[Sent] = []
     came = 0
     with linked(bits_per_second) as (link, there):
