@@ -64,6 +64,7 @@ class ViewportProcess:
 
     def __init__(self) -> None:
         self.heard: list[Message] = []
+        self.refuses = False  # as a process that does not know the page
         self._changed = threading.Condition()
         self._socket: WebSocket | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -127,6 +128,7 @@ class ViewportProcess:
             "revision": 1,
             "event": 0,
             "step": "F",
+            "every": 1,
             "complete": True,
             "last": True,
             "seconds": 0.01,
@@ -168,9 +170,12 @@ class ViewportProcess:
         return HTMLResponse(_PAGE)
 
     async def _nothing(self, request: Request) -> Response:
-        return Response(status_code=204)
+        return Response(status_code=403 if self.refuses else 204)
 
     async def _viewport(self, socket: WebSocket) -> None:
+        if self.refuses:
+            await socket.close()  # not accepted: an answer of 403
+            return
         await socket.accept()
         with self._changed:
             self._socket, self._loop = socket, asyncio.get_running_loop()

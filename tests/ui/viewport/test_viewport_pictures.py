@@ -428,6 +428,20 @@ def test_a_process_that_is_away_is_told_of_and_found_again(browser_page: Page) -
         assert second.wait_for("view", 2)["zoom"] == VIEW["zoom"]
 
 
+def test_a_page_that_another_process_does_not_know_is_told_so_until_it_does(browser_page: Page) -> None:
+    first, second = ViewportProcess(), ViewportProcess()
+    with serving(first.application) as url:
+        ShownViewport(browser_page, first, url).show_and_wait(plain(RED))
+        first.hang_up()
+    second.refuses = True
+    with serving(second.application, port=urlsplit(url).port or 0):
+        status = browser_page.get_by_role("status")
+        expect(status).to_contain_text("This page may no longer see the volume: open the whole address")
+        second.refuses = False
+        second.wait_for_page()
+        expect(status).to_be_hidden()
+
+
 def test_a_picture_with_nothing_on_it_is_told_of_until_there_is_something(shown: ShownViewport) -> None:
     bar = shown.page.locator(".vs-trouble")
     shown.show_and_wait(notice="nothing is visible: the opacity table is 0 everywhere; raise it")

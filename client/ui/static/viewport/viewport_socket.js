@@ -9,6 +9,7 @@ const DEAD = 20000; // without an answer after which the connection is made anew
 const MISSED = 2; // questions that could not even be asked, one after the other, that count likewise
 const ASLEEP = 15000; // between two ticks: the machine slept, and the connection may be dead without knowing
 const REFUSED = 1008; // close code of a missing token
+const FORBIDDEN = 403; // the answer to a page without it, for which a socket only fails
 const OTHER_VOLUME = 4001; // close code that has the page loaded anew, since another volume is shown
 
 const LOST = "No connection to volsplat's process. The picture stays as it was; trying again…";
@@ -171,14 +172,15 @@ export class ViewportSocket {
     this.#asking = true;
     const telling = setTimeout(() => this.#tellSilence(), SILENT);
     const answered = await fetch(this.#alive, { cache: "no-store", signal: AbortSignal.timeout(DEAD) }).then(
-      () => true,
-      (error) => (error.name === "TimeoutError" ? null : false),
+      ({ status }) => status,
+      (error) => (error.name === "TimeoutError" ? null : 0),
     );
     clearTimeout(telling);
     this.#asking = false;
     if (this.#ticking === 0) return; // closed meanwhile
     this.#missed = answered ? 0 : this.#missed + 1;
-    if (answered) this.#answered();
+    if (answered === FORBIDDEN) this.#refused();
+    else if (answered) this.#answered();
     else if (this.#connected && (answered === null || this.#missed >= MISSED)) {
       this.#stalled = true;
       this.#lose();
@@ -194,6 +196,13 @@ export class ViewportSocket {
       this.#stalled = false;
       this.#connect();
     } else if (this.#connected) this.#state({ connected: true, anew: false, text: "" });
+  }
+
+  /** Another process is there, as after a start anew, which does not know this page; a tab with its address lets all in. */
+  #refused() {
+    if (this.#connected) return;
+    clearTimeout(this.#telling);
+    this.#state({ connected: false, text: TOKEN_MISSING });
   }
 
   get #connected() {
