@@ -16,7 +16,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.image.image_file import read_scene
-from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms import PHANTOMS, make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
 SIZE = ["--size", "96x96"]
@@ -115,6 +115,14 @@ def test_info_tells_what_else_can_be_named_of_a_file(person: Person) -> None:
     assert [one["part"] for one in parts][0] == "map:FWT,PHWT"
     assert all(person.runs("info", f"refined.mtz#{one['part']}").returncode == 0 for one in parts[:2])
     assert json.loads(person.runs("info", "refined.mtz#map", "--json").stdout)["parts"] == []
+
+
+def test_a_phantom_is_told_by_the_help_and_one_that_is_not_there_with_what_was_meant(person: Person) -> None:
+    told = person.runs("phantom", "--help").stdout
+    assert all(name in told for name in PHANTOMS)
+    done = person.runs("phantom", "Haed", "-o", "x.nrrd")
+    assert done.returncode == 2
+    assert "Invalid value for 'NAME': there is no 'Haed' (did you mean head?)" in one_line(done)
 
 
 def one_line(done: "subprocess.CompletedProcess[str]") -> str:
