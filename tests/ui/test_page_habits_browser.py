@@ -13,6 +13,7 @@ from support.pages.page_tab import after, canvas, drag, opened
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, phantom, view, volume
 from volsplat.bench.page_drag import REFINED
+from volsplat.bench.slow_link import slow_link
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -157,6 +158,42 @@ def test_a_stalled_line_is_told_by_one_voice_and_what_the_hand_did_meanwhile_is_
         expect(status).to_be_hidden()
 
     assert not torch.equal(after(page, drag_while_it_stands_still), before)
+
+
+def test_a_cut_line_is_told_by_one_voice_and_the_page_finds_back(view: Viewed, page: Page) -> None:
+    from playwright.sync_api import expect
+
+    status, popup = page.locator(".vs-trouble"), page.locator("#popup")
+    with slow_link(view.port, bits_per_second=1e9, round_trip=0.0) as port:
+        opened(page, view.url.replace(f":{view.port}/", f":{port}/"))
+        before = canvas(page)
+    expect(status).to_contain_text("No connection")
+    # NiceGUI has noticed it as well, and would say so.
+    page.wait_for_function("() => document.getElementById('popup').ariaHidden === 'false'")
+    expect(popup).to_be_hidden()
+    drag(page, 50, 10)
+    with slow_link(view.port, bits_per_second=1e9, round_trip=0.0, at=port):
+        expect(status).to_be_hidden()
+        page.wait_for_function(REFINED)
+        until(page, lambda: not torch.equal(canvas(page), before))
+        page.goto("about:blank")
+
+
+# -- what moves
+
+
+def test_what_moves_is_drawn_by_the_finest_step_lit_and_smooth(page: Page) -> None:
+    place = box(page.locator(".vs-view canvas").first)
+    x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+    page.evaluate("() => { window.volsplatViewport.log.length = 0; }")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for n in range(40):
+        page.mouse.move(x + n, y)
+    page.wait_for_function("() => window.volsplatViewport.log.length > 3")
+    steps = set(page.evaluate("() => window.volsplatViewport.log.map((picture) => picture.step)"))
+    page.mouse.up()
+    assert steps == {"F"}
 
 
 # -- panels that are folded
