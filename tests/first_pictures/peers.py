@@ -8,8 +8,10 @@ Pictures are drawn on the screen of `xvfb-run`. Run it twice, and let nothing el
 caches of files and of compiled Python.
 """
 
+import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -73,14 +75,19 @@ def drawn(program: Path, script: str, volume: Path, picture: Path, in_notebook: 
         command = ["xvfb-run", "-a", *command]
     picture.unlink(missing_ok=True)
     began, used = time.perf_counter(), processor_seconds()
-    try:
-        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", timeout=LIMIT)
-    except subprocess.TimeoutExpired:
-        return Drawn(lines, LIMIT, said=f"not in {LIMIT:.0f} s")
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, encoding="utf-8", errors="replace", start_new_session=True
+    ) as running:
+        try:
+            out, errors = running.communicate(timeout=LIMIT)
+        except subprocess.TimeoutExpired:
+            os.killpg(running.pid, signal.SIGKILL)  # with the screen or the notebook's server that it started
+            return Drawn(lines, LIMIT, said=f"not in {LIMIT:.0f} s")
     taken = (lines, time.perf_counter() - began, processor_seconds() - used)
-    if done.returncode != 0 or not picture.exists():
-        said = (done.stderr or done.stdout).strip().splitlines()
-        return Drawn(*taken, said=said[-1] if said else f"ended with status {done.returncode}")
+    if running.returncode != 0 or not picture.exists():
+        said = (errors or out).strip().splitlines()
+        return Drawn(*taken, said=said[-1] if said else f"ended with status {running.returncode}")
     return Drawn(*taken, str(picture), "")
 
 
