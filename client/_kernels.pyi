@@ -24,7 +24,7 @@ class FloatTiles:
 class PatchTable:
     """What patches of a plane give by density and strength; see kernels/tables/patch_table.h."""
 
-    def __init__(self, patches: Sequence[Sequence[float]], spread: float) -> None:
+    def __init__(self, patches: Sequence[Sequence[float]]) -> None:
         """Patches are 14 numbers each: Patch.numbers."""
     @property
     def opacity(self) -> Buffer:

@@ -96,16 +96,13 @@ def light_table(
 def colour_table(colours: Sequence[_Vector]) -> Array:
     """Red, green, blue and 0 of 256 entries: float32 (256, 4)."""
 
-def opacity_table(opac: _Vector, modu: _Vector, exponent: float, spread: float) -> Array:
-    """12-bit codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8: uint16 (65536,).
-
-    opac is the mean of what lies within `spread` times the modu index on either side.
-    """
+def opacity_table(opac: _Vector, modu: _Vector, exponent: float) -> Array:
+    """12-bit codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8: uint16 (65536,)."""
 
 class PatchTable:
     """What patches give by density and strength; see kernels/tables/patch_table.h."""
 
-    def __init__(self, patches: Sequence[_Vector], spread: float) -> None:
+    def __init__(self, patches: Sequence[_Vector]) -> None:
         """Patches are 14 numbers each: Patch.numbers."""
     @property
     def opacity(self) -> Array:
@@ -119,6 +116,38 @@ class PatchTable:
     def refl(self) -> Array: ...
     def seen(self) -> tuple[list[int], list[int]]:
         """The densities, and the strengths, that are not transparent with all of the others."""
+
+class MixtureCounts:
+    """What the voxels of a coarser level stand for; see mixtures.h."""
+
+    def __init__(self) -> None: ...
+    def add_voxels(self, finer: Array, coarser: Array) -> None:
+        """Packets (k, j, i) of a box, and of the voxels of the next level that are the means of them.
+
+        Raises ValueError unless these are half as many on each axis.
+        """
+
+    def add(self, keys: Array, counts: Array) -> None:
+        """Entries of others. Raises ValueError for what are none."""
+
+    def entries(self) -> tuple[Array, Array]:
+        """Rising keys, uint32 (n,), and the count of each, uint64 (n,)."""
+
+def check_mixture(keys: Array, counts: Array) -> None:
+    """Raises ValueError unless these are entries of MixtureCounts."""
+
+def binned(table: Array) -> Array:
+    """The means of a table over density | strength << 8, float64 (65536, channels), over the strengths of each bin:
+    float64 (NO_DATA_BIN + 1, channels)."""
+
+def mixed(keys: Array, counts: Array, finer: Array) -> Array:
+    """The table in bins of a coarser level, from the finer one's: the means over what its voxels stand for.
+
+    Raises ValueError for entries that are none.
+    """
+
+def unbinned(table: Array) -> Array:
+    """A table in bins over density | strength << 8: float64 (65536, channels)."""
 
 def plane_opacity_codes(opacities: Array, exponent: float) -> Array:
     """12-bit codes of 1 - (1 - opacity)^exponent: uint16 (65536,)."""

@@ -27,6 +27,7 @@ from volsplat.mapshade_server.frames.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frames.frame_tally import FrameTally
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.kept_packets import GivenUp
+from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
@@ -352,7 +353,8 @@ class MapShadeServer:
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         if request.plane.dims != dims_at_level(request.geometry.dims, request.plan.factors):
             raise BadInput(f"slice {request.probe} is of another grid than level {request.level}")
-        fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan)
+        mixture = mixture_of(sub_cubes)
+        fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan, mixture)
         parts = list(slice_parts(sub_cubes, fields, request.plane))
         read = messages.SliceRead(request.probe, request.assignment, parts=[part for part, _ in parts])
         self._client.send(read, *(samples for _, samples in parts))

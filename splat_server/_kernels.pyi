@@ -316,7 +316,7 @@ class SlabLight:
 class PatchTable:
     """What patches give by density and strength; see kernels/tables/patch_table.h."""
 
-    def __init__(self, patches: Sequence[Sequence[float]], spread: float) -> None:
+    def __init__(self, patches: Sequence[Sequence[float]]) -> None:
         """Patches are 14 numbers each: Patch.numbers."""
 
 class Slabs:

@@ -130,7 +130,7 @@ def _scene(shading: ShadingRule) -> _kernels.SlabScene:
 
 @lru_cache(maxsize=2)
 def _plane(patches: Patches) -> _kernels.PatchTable:
-    return _kernels.PatchTable([patch.numbers for patch in patches], 0.0)
+    return _kernels.PatchTable([patch.numbers for patch in patches])
 
 
 def _strength_scale(quantisation: Quantisation) -> float:

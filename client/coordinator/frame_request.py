@@ -9,7 +9,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
-from volsplat.protocol.rules.shading_rule import shading_at_level, shading_rule
+from volsplat.protocol.rules.shading_rule import shading_rule
 
 MUCH_HIDDEN = 0.25  # of the packets that were sent
 PACED_FRAMES = 16  # then one that is not paced shows how much is hidden now
@@ -59,15 +59,11 @@ def frame_request(
     Raises ValueError where the scene does not fit the volume.
     """
     plan = plan_frame(scene, geometry, step, resolution)
-    if plan.slabs is None:
-        shading = shading_at_level(scene, step, geometry, resolution.geometry, quantisation)
-    else:
-        shading = shading_rule(scene, step)
     return messages.RenderFrame(
         frame=frame,
         assignment=assignment,
         plan=plan,
-        shading=shading,
+        shading=shading_rule(scene, step),
         geometry=geometry,
         quantisation=quantisation,
         level=resolution.level,

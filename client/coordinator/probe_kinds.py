@@ -21,7 +21,7 @@ from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_at_level
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.slice_plane import level_plane
 
 
@@ -68,7 +68,7 @@ class PointProbe:
             probe=self.asked.probe,
             assignment=holding.assignment,
             line=line_of_sight(self.asked.scene, geometry, self.asked.x, self.asked.y, resolution),
-            shading=shading_at_level(self.asked.scene, Step.F, geometry, resolution.geometry, packed_by),
+            shading=shading_rule(self.asked.scene, Step.F),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,
@@ -111,7 +111,7 @@ class SliceProbe:
             assignment=holding.assignment,
             plane=plane,
             plan=plan,
-            shading=shading_at_level(self.asked.scene, Step.F, geometry, resolution.geometry, packed_by),
+            shading=shading_rule(self.asked.scene, Step.F),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,

@@ -62,6 +62,7 @@ from volsplat.mapshade_server.answers.visible_voxels import VoxelSheets
 from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
 from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
@@ -73,7 +74,7 @@ from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.line_of_sight import line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_at_level
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES, level_plane
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
@@ -193,8 +194,7 @@ class SingleProcess:
         except ValueError as error:
             raise BadInput(str(error)) from error
         sub_cubes, rules = self._held.sub_cubes(resolution.level), packing.quantisation
-        shading = shading_at_level(scene, Step.F, geometry, resolution.geometry, rules)
-        return front_most(sub_cubes, geometry, rules, shading, line)
+        return front_most(sub_cubes, geometry, rules, shading_rule(scene, Step.F), line)
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
@@ -240,8 +240,8 @@ class SingleProcess:
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        shading = shading_at_level(scene, Step.F, geometry, resolution.geometry, rules)
-        return VoxelFields(geometry, rules, shading, plan), resolution
+        mixture = mixture_of(self._held.sub_cubes(resolution.level))
+        return VoxelFields(geometry, rules, shading_rule(scene, Step.F), plan, mixture), resolution
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""

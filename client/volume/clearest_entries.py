@@ -19,7 +19,7 @@ class Entry(NamedTuple):
 @lru_cache(REMEMBERED)
 def clearest_entries(patches: Patches) -> tuple[Entry, ...]:
     """One for each density byte."""
-    table = PatchTable([patch.numbers for patch in patches], 0.0)
+    table = PatchTable([patch.numbers for patch in patches])
     opacity, emit, refl = (memoryview(of) for of in (table.opacity, table.emit, table.refl))
 
     def colour(of: memoryview, at: int) -> Colour:

@@ -63,12 +63,12 @@ void bind_patch_table(nb::module_& m) {
     nb::class_<PatchTable>(m, "PatchTable")
         .def(
             "__init__",
-            [](PatchTable* self, const std::vector<PatchNumbers>& numbers, double spread) {
+            [](PatchTable* self, const std::vector<PatchNumbers>& numbers) {
                 std::vector<Patch> patches;
                 for (const PatchNumbers& patch : numbers) patches.push_back(patch_of(patch));
-                new (self) PatchTable(patches, spread);
+                new (self) PatchTable(patches);
             },
-            "patches"_a, "spread"_a)
+            "patches"_a)
         .def_prop_ro(
             "opacity", [](PatchTable& table) { return shared(table.opacity, kPlaneEntries); },
             nb::rv_policy::reference_internal)

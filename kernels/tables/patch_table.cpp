@@ -1,6 +1,7 @@
 // Row by row of equal strength.
 #include "patch_table.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace volsplat {
@@ -73,30 +74,14 @@ private:
     std::array<Entries, kChannels> colour_{};
 };
 
-Entries spread_out(const Entries& entries, double half) {
-    const TableMeans means(entries.data());
-    Entries found;
-    for (int n = 0; n < kTableEntries; ++n) found[n] = means.around(n, half);
-    return found;
-}
-
-Row spread_out(const Row& row, double half) {
-    Row found{spread_out(row.opacity, half), {}, row.empty};
-    for (int channel = 0; channel < kChannels; ++channel) {
-        found.colour[channel] = spread_out(row.colour[channel], half);
-    }
-    return found;
-}
-
 }  // namespace
 
-PatchTable::PatchTable(const std::vector<Patch>& patches, double spread) {
+PatchTable::PatchTable(const std::vector<Patch>& patches) {
     for (int strength = 0; strength < kTableEntries; ++strength) {
         RowSums sums(strength / kLast);
         for (const Patch& patch : patches) sums.add(patch);
-        Row row = sums.row();
+        const Row row = sums.row();
         if (row.empty) continue;
-        if (spread > 0.0) row = spread_out(row, spread * strength);
         for (int n = 0; n < kTableEntries; ++n) {
             if (row.opacity[n] <= 0.0) continue;
             const int at = strength * kTableEntries + n;

@@ -5,10 +5,9 @@
 #include <array>
 #include <vector>
 
-#include "table_means.h"
-
 namespace volsplat {
 
+constexpr int kTableEntries = 256;
 constexpr int kPlaneEntries = kTableEntries * kTableEntries;  // at density | strength << 8
 
 // A trapezium between two strengths; positions are 0 to 1.
@@ -20,9 +19,7 @@ struct Patch {
 };
 
 struct PatchTable {
-    // Of densities spread by `spread` times the strength's byte to either side: the mean opacity, and what is emitted
-    // and reflected on the mean over that opacity.
-    PatchTable(const std::vector<Patch>& patches, double spread);
+    explicit PatchTable(const std::vector<Patch>& patches);
 
     std::vector<double> opacity = std::vector<double>(kPlaneEntries);
     std::vector<float> emit = std::vector<float>(4 * kPlaneEntries), refl = emit;  // red, green, blue and 0

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 
 from volsplat.mapshade_server.frames import shading_tables
-from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.frames.shading_tables import OpacityRule, opacity_rule
+from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
 from volsplat.protocol.description.scene import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel
@@ -28,7 +29,7 @@ def front_most(
 
     `geometry` is the volume's, and so is the answer's index; the sub-cubes are boxes of the level of the line.
     """
-    is_visible = _visible_voxels(geometry, quantisation, shading, line)
+    is_visible = _visible_voxels(geometry, quantisation, opacity_rule(shading, mixture_of(sub_cubes)), line)
     found = []
     for cube in sub_cubes:
         packets, (i0, j0, k0) = memoryview(cube.packets), cube.box.low
@@ -48,10 +49,9 @@ def front_most(
 
 
 def _visible_voxels(
-    geometry: Geometry, quantisation: Quantisation, shading: ShadingRule, line: LineOfSight
+    geometry: Geometry, quantisation: Quantisation, rule: OpacityRule, line: LineOfSight
 ) -> Callable[[Index, int], bool]:
     """Says whether a frame would send a voxel."""
-    rule = shading_tables.opacity_rule(shading)
     codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponents[0]))
     low, high = (
         _byte_of(field, geometry, quantisation.directions_at(line.plan.factors), line)

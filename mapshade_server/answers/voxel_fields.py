@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.frames import shading_tables
+from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.protocol.description.scene import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan
@@ -31,6 +32,7 @@ class VoxelFields:
     quantisation: Quantisation
     shading: ShadingRule
     plan: FramePlan
+    mixture: LevelMixture | None = None  # of the level that the plan draws
 
     @property
     def directions(self) -> DirectionCode:
@@ -39,7 +41,11 @@ class VoxelFields:
     @property
     def uses_index(self) -> bool:
         """Whether opacity depends on where a voxel lies."""
-        return not shading_tables.opacity_rule(self.shading).by_packet
+        return not self._opacity_rule.by_packet
+
+    @property
+    def _opacity_rule(self) -> shading_tables.OpacityRule:
+        return shading_tables.opacity_rule(self.shading, self.mixture)
 
     def opacity(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.float32]:
         """Of cells so thick, in reference spacings of the volume."""
@@ -48,7 +54,7 @@ class VoxelFields:
 
     def opacity_codes(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.uint16]:
         """Likewise. Where the index is not used it may be left empty."""
-        rule = shading_tables.opacity_rule(self.shading)
+        rule = self._opacity_rule
         codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
         if rule.by_packet:
             by_packet: NDArray[np.uint16] = codes[packets & PLANE_BITS]
@@ -61,7 +67,7 @@ class VoxelFields:
 
     def colours(self, index: Indices, packets: Packets) -> tuple[Colours, Colours]:
         """Emitted and reflected."""
-        tables, cross_bar = shading_tables.frame_colours(self.shading), self.shading.cross_bar
+        tables, cross_bar = shading_tables.frame_colours(self.shading, self.mixture), self.shading.cross_bar
         emitted, reflected = (
             np.asarray(table, dtype=np.float32)[self._entries(field, index, packets, tables.of_plane), :3]
             for table, field in ((tables.emit, cross_bar.emit), (tables.refl, cross_bar.refl))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
-from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch, ShadedPart
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import Geometry
@@ -111,8 +111,9 @@ def _sheet_walk(
 ) -> _kernels.FrameWalk:
     """Sheet by sheet, shaded."""
     directions = quantisation.directions_at(plan.factors)
-    cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
-    colours = shading_tables.frame_colours(shading)
+    mixture = mixture_of(sub_cubes)
+    cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading, mixture)
+    colours = shading_tables.frame_colours(shading, mixture)
     distinct = sorted(set(plan.opacity_exponents))
     return _kernels.FrameWalk(
         boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],

@@ -4,8 +4,12 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from volsplat.mapshade_server import _kernels
-from volsplat.protocol.description.patches import Patches, colourless
+from volsplat.mapshade_server.held.level_mixture import LevelMixture
+from volsplat.protocol.description.patches import PLANE_ENTRIES, Patches, colourless
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
@@ -16,9 +20,11 @@ from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 KEPT_OPACITY_TABLES = 96  # of 128 KiB
 KEPT_LIGHT_TABLES = 8
 KEPT_TABLES = 16
-KEPT_PLANES = 4  # of 2.5 MiB
+KEPT_PLANES = 8  # of 2.5 MiB, for the levels that the steps of a frame take
 
 PACKET_SCALARS = (Field.DENSITY, Field.STRENGTH)
+
+Numbers = NDArray[np.float64]
 
 
 @lru_cache(KEPT_TABLES)
@@ -39,26 +45,63 @@ class OpacityRule(NamedTuple):
     modu: ScalarTable
     opac_field: Field
     modu_field: Field
-    density_spread: float  # see ShadingRule
     patches: Patches = ()  # without colours: they take the place of the two tables
+    mixture: LevelMixture | None = None  # of voxels that are not the volume's own
 
     @property
     def by_packet(self) -> bool:
         """Whether density and strength alone decide; by patches they do."""
         return self.opac_field in PACKET_SCALARS and self.modu_field in PACKET_SCALARS
 
+    @property
+    def is_mixed(self) -> bool:
+        """Whether a voxel is as opaque as those that it stands for are on the mean. What else indexes tables, as a
+        place, is the voxel's own."""
+        return self.mixture is not None and self.by_packet
 
-def opacity_rule(shading: ShadingRule) -> OpacityRule:
+
+def opacity_rule(shading: ShadingRule, mixture: LevelMixture | None = None) -> OpacityRule:
     cross_bar = shading.cross_bar
-    return OpacityRule(
-        shading.opac, shading.modu, cross_bar.opac, cross_bar.modu, shading.density_spread, colourless(shading.patches)
-    )
+    return OpacityRule(shading.opac, shading.modu, cross_bar.opac, cross_bar.modu, colourless(shading.patches), mixture)
 
 
 @lru_cache(KEPT_PLANES)
-def plane(patches: Patches, density_spread: float) -> "_kernels.PatchTable":
+def plane(patches: Patches) -> "_kernels.PatchTable":
     """What patches give at each density and strength."""
-    return _kernels.PatchTable([patch.numbers for patch in patches], density_spread)
+    return _kernels.PatchTable([patch.numbers for patch in patches])
+
+
+@lru_cache(KEPT_PLANES)
+def mixed_opacity(rule: OpacityRule) -> Numbers:
+    """Of a level's voxels, at density | strength << 8: (65536,)."""
+    assert rule.mixture is not None
+    means = rule.mixture.means(_own_opacity(rule)[:, None])
+    return np.ascontiguousarray(np.minimum(means[:, 0], 1.0))
+
+
+def _own_opacity(rule: OpacityRule) -> Numbers:
+    """Of the volume's own voxels."""
+    if rule.patches:
+        return np.asarray(plane(rule.patches).opacity)
+    by_density, by_strength = (_factors(rule, field) for field in PACKET_SCALARS)
+    return np.outer(by_strength, by_density).reshape(-1)
+
+
+class ColourRule(NamedTuple):
+    """What makes a voxel's colour before light where density and strength alone decide."""
+
+    emit: ColourTable
+    refl: ColourTable
+    emit_field: Field
+    refl_field: Field
+    patches: Patches
+    opacity: OpacityRule
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether a voxel's colours are the means of those that it stands for, by their opacity."""
+        fields = {self.emit_field, self.refl_field}
+        return self.opacity.is_mixed and fields <= set(PACKET_SCALARS)
 
 
 class FrameColours(NamedTuple):
@@ -72,11 +115,40 @@ class FrameColours(NamedTuple):
     of_plane: bool
 
 
-def frame_colours(shading: ShadingRule) -> FrameColours:
-    if shading.patches:
-        table = plane(shading.patches, shading.density_spread)
+def frame_colours(shading: ShadingRule, mixture: LevelMixture | None = None) -> FrameColours:
+    cross_bar, opacity = shading.cross_bar, opacity_rule(shading, mixture)
+    rule = ColourRule(shading.emit, shading.refl, cross_bar.emit, cross_bar.refl, shading.patches, opacity)
+    if rule.is_mixed:
+        return _mixed_colours(rule)
+    if rule.patches:
+        table = plane(rule.patches)
         return FrameColours(table.emit, table.refl, True)
-    return FrameColours(colours(shading.emit), colours(shading.refl), False)
+    return FrameColours(colours(rule.emit), colours(rule.refl), False)
+
+
+@lru_cache(KEPT_PLANES)
+def _mixed_colours(rule: ColourRule) -> FrameColours:
+    assert rule.opacity.mixture is not None
+    opacity = _own_opacity(rule.opacity)[:, None]
+    own = np.concatenate((opacity, *(opacity * colours for colours in _own_colours(rule))), axis=1)
+    means = rule.opacity.mixture.means(own)
+    seen = means[:, :1] > 0.0
+    mixed = np.where(seen, means[:, 1:] / np.where(seen, means[:, :1], 1.0), 0.0)
+    emit, refl = np.zeros((2, PLANE_ENTRIES, 4), np.float32)
+    emit[:, :3], refl[:, :3] = (np.minimum(part, 1.0) for part in np.split(mixed, 2, axis=1))
+    return FrameColours(emit.data, refl.data, True)
+
+
+def _own_colours(rule: ColourRule) -> tuple[Numbers, Numbers]:
+    """Emitted and reflected by the volume's own voxels: (65536, 3)."""
+    if rule.patches:
+        table = plane(rule.patches)
+        return np.asarray(table.emit)[:, :3], np.asarray(table.refl)[:, :3]
+    emit, refl = (
+        np.tile(of, (TABLE_ENTRIES, 1)) if field == Field.DENSITY else np.repeat(of, TABLE_ENTRIES, axis=0)
+        for of, field in ((rule.emit.entries(), rule.emit_field), (rule.refl.entries(), rule.refl_field))
+    )
+    return emit, refl
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:
@@ -90,12 +162,14 @@ def opacity_codes(rule: OpacityRule, exponent: float) -> "_kernels.Array":
 
     The place in the table is the byte of the first of `opacity_fields` plus 256 times that of the second.
     """
+    if rule.is_mixed:
+        return _kernels.plane_opacity_codes(mixed_opacity(rule).data, exponent)
     if rule.patches:
-        return _kernels.plane_opacity_codes(plane(rule.patches, rule.density_spread).opacity, exponent)
+        return _kernels.plane_opacity_codes(plane(rule.patches).opacity, exponent)
     if rule.by_packet:
         by_density, by_strength = (_factors(rule, field) for field in PACKET_SCALARS)
-        return _kernels.opacity_table(by_density, by_strength, exponent, rule.density_spread)
-    return _kernels.opacity_table(scalar_entries(rule.opac), scalar_entries(rule.modu), exponent, 0.0)
+        return _kernels.opacity_table(by_density, by_strength, exponent)
+    return _kernels.opacity_table(scalar_entries(rule.opac), scalar_entries(rule.modu), exponent)
 
 
 @lru_cache(KEPT_TABLES)
@@ -104,29 +178,22 @@ def visibility(rule: OpacityRule) -> bytes:
 
     A voxel whose two bits are not both set is transparent whatever its other fields and its opacity exponent are.
     """
-    seen = _seen_of_plane(rule) if rule.patches else _seen_of_tables(rule)
+    if rule.is_mixed:
+        of_plane = mixed_opacity(rule).reshape(TABLE_ENTRIES, TABLE_ENTRIES) > 0.0
+        seen = tuple(np.flatnonzero(of_plane.any(axis)).tolist() for axis in (0, 1))
+    else:
+        seen = plane(rule.patches).seen() if rule.patches else _seen_of_tables(rule)
     bits = [sum(1 << n for n in numbers) for numbers in seen]
     return b"".join(number.to_bytes(TABLE_ENTRIES // 8, "little") for number in bits)
 
 
-def _seen_of_plane(rule: OpacityRule) -> tuple[list[int], list[int]]:
-    return plane(rule.patches, rule.density_spread).seen()
-
-
-def _seen_of_tables(rule: OpacityRule) -> list[list[int]]:
+def _seen_of_tables(rule: OpacityRule) -> tuple[list[int], list[int]]:
     others = [table for table, field in _tables_of(rule) if field not in PACKET_SCALARS]
     visible = all(max(scalar_entries(table)) > 0.0 for table in others)
-    seen = [[n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0] for field in PACKET_SCALARS]
-    if rule.by_packet and all(seen):
-        seen[0] = _within(seen[0], math.ceil(rule.density_spread * max(seen[1])))
-    return seen
-
-
-def _within(bytes_seen: list[int], distance: int) -> list[int]:
-    """The bytes that are no further than this from one of these; less than a byte away is a byte."""
-    if distance == 0:
-        return bytes_seen
-    return [n for n in range(TABLE_ENTRIES) if any(abs(n - seen) <= distance for seen in bytes_seen)]
+    densities, strengths = (
+        [n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0] for field in PACKET_SCALARS
+    )
+    return densities, strengths
 
 
 def _tables_of(rule: OpacityRule) -> tuple[tuple[ScalarTable, Field], ...]:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.held.packet_store import Packets, PacketStore
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers import VolumeReader
@@ -37,7 +38,7 @@ def stored_sub_cubes(
             sheet, rest = rest.cut(2, end) if end < rest.high[2] else (rest, None)
             yield sheet, store.read(level, sheet)
 
-    return _sub_cubes(store.levels[level].geometry, boxes, held, read, LISTS_PER_STORED_PACKET)
+    return _sub_cubes(store.levels[level].geometry, boxes, held, read, LISTS_PER_STORED_PACKET, store.mixture(level))
 
 
 def packed_sub_cubes(
@@ -56,14 +57,19 @@ def packed_sub_cubes(
 
 
 def _sub_cubes(
-    geometry: Geometry, boxes: Sequence[Box], held: Sequence[SubCube], read: Read, lists: float
+    geometry: Geometry,
+    boxes: Sequence[Box],
+    held: Sequence[SubCube],
+    read: Read,
+    lists: float,
+    mixture: LevelMixture | None = None,
 ) -> tuple[list[SubCube], int]:
     made, voxels_read = [], 0
     for box in boxes:
         cube = next((cube for cube in held if cube.box == box), None)  # with what a walk keeps of it
         if cube is None:
             packets, voxels = _gathered(box, held, read)
-            cube, voxels_read = SubCube.of_packets(geometry, box, packets, lists), voxels_read + voxels
+            cube, voxels_read = SubCube.of_packets(geometry, box, packets, lists, mixture), voxels_read + voxels
         made.append(cube)
     return made, voxels_read
 

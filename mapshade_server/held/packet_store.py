@@ -10,6 +10,8 @@ A Zarr v3 group that `volsplat prepare` writes:
     bricks/0, …          uint8 (bk, bj, bi, 5): least and greatest density byte, least and greatest strength byte of
                          the voxels of each brick that have data, least > greatest if none has; 1 if the brick
                          is stored, else 0
+    mixtures/1, …        uint64 (2, n): what the voxels of each level but the first stand for (level_mixture): by how
+                         much each key exceeds the one before, and its count
     histograms/density   int64 counts over the survey's low..high
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
     blocks               float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes)
@@ -19,8 +21,8 @@ Its strength is the mean of theirs, its direction that of their sum, in the code
 scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All levels have one
 quantisation. Packets hold their gradients, so a brick needs no halo.
 
-All that lies on the disk bears a checksum: the attributes theirs, bricks and histograms zstd's, the indices of shards
-the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
+All that lies on the disk bears a checksum: the attributes theirs, bricks, mixtures and histograms zstd's, the indices
+of shards the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
 """
 
 import json
@@ -35,6 +37,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
@@ -52,13 +55,15 @@ Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 4
+FORMAT = 5
 BRICKS = "bricks"
+MIXTURES = "mixtures"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
 BLOCKS = "blocks"
 METADATA = "zarr.json"
 BRICK_FIELDS = 5  # least and greatest density byte, least and greatest strength byte, whether it is stored
 STORED = 4
+NO_KEY = (1 << 32) - 1  # of any entry of a mixture
 
 
 class StoredLevel(msgspec.Struct, frozen=True):
@@ -120,6 +125,7 @@ class PacketStore:
         self._paths = [level.path for level in attributes.levels]
         self._arrays = [self._packets(level, attributes.background_at(n)) for n, level in enumerate(attributes.levels)]
         self._bricks: dict[int, NDArray[np.uint8]] = {}
+        self._mixtures: dict[int, LevelMixture] = {}
 
     @cached_property
     def density_counts(self) -> list[int]:
@@ -166,6 +172,25 @@ class PacketStore:
         if level not in self._bricks:
             self._bricks[level] = self._whole(f"{BRICKS}/{self._paths[level]}")
         return self._bricks[level]
+
+    def mixture(self, level: int) -> LevelMixture | None:
+        """What the voxels of a level stand for; None if they are the volume's own."""
+        if level == 0:
+            return None
+        if level not in self._mixtures:
+            finer = self.mixture(level - 1)
+            path = f"{MIXTURES}/{self._paths[level]}"
+            self._mixtures[level] = self._mixture(path, finer)
+        return self._mixtures[level]
+
+    def _mixture(self, path: str, finer: LevelMixture | None) -> LevelMixture:
+        written = self._whole(path)
+        try:
+            steps, counts = written
+            keys = np.cumsum(steps)
+            return LevelMixture(finer, np.minimum(keys, NO_KEY).astype(np.uint32), counts)
+        except (ValueError, TypeError):
+            raise self._damaged(path, "is not what was written") from None
 
     def _check_shards(self, level: int, box: Box) -> None:
         """Raises BadInput if the file of a shard is missing that has a stored brick in the box."""

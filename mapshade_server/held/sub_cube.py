@@ -1,9 +1,11 @@
 """A sub-cube: the box of the grid that a map/shade server holds, first as source values, then as voxel packets."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
@@ -30,6 +32,7 @@ class SubCube:
         self.geometry = geometry
         self.box = box
         self.source_bytes = 0  # what was read, halo included
+        self.mixture: LevelMixture | None = None  # what its voxels stand for, if they are not the volume's own
         self._second_scalar = second_scalar
         self._matrix = [entry for row in physical_gradient(geometry) for entry in row]
         self._source: Any = None
@@ -47,12 +50,15 @@ class SubCube:
         return sub_cube
 
     @classmethod
-    def of_packets(cls, geometry: Geometry, box: Box, packets: Any, lists: float) -> "SubCube":
+    def of_packets(
+        cls, geometry: Geometry, box: Box, packets: Any, lists: float, mixture: LevelMixture | None = None
+    ) -> "SubCube":
         """A sub-cube whose packets were made before: uint32 (k, j, i), with some room behind them.
 
-        `lists` of what can be seen may take this share of their bytes.
+        `lists` of what can be seen may take this share of their bytes. `mixture` is that of the level that it is of.
         """
         sub_cube = cls(geometry, box)
+        sub_cube.mixture = mixture
         sub_cube._packets = packets
         sub_cube._classified_rows = _kernels.ClassifiedRows(box.size, lists)
         return sub_cube
@@ -147,3 +153,8 @@ class SubCube:
         if self._source is None:
             raise LocalProtocolError("a sub-cube was asked for its source after packing; read it again first")
         return self._source, self._low, self.box.size, self._matrix
+
+
+def mixture_of(sub_cubes: Sequence[SubCube]) -> LevelMixture | None:
+    """What the voxels of sub-cubes of one level stand for."""
+    return sub_cubes[0].mixture if sub_cubes else None

@@ -135,18 +135,17 @@ std::vector<float> light_table(Directions code, const std::vector<Cosines>& roug
     return table;
 }
 
-std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent, double spread) {
+std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent) {
     std::vector<std::uint16_t> codes(kTableEntries * kTableEntries);
-    const TableMeans means(opac);
     std::array<double, kTableEntries> thin;
     for (int m = 0; m < kTableEntries; ++m) {
         std::uint16_t* row = &codes[m * kTableEntries];
         // Tables are often constant over long stretches
-        if (m > 0 && modu[m] == modu[m - 1] && spread == 0.0) {
+        if (m > 0 && modu[m] == modu[m - 1]) {
             std::copy(row - kTableEntries, row, row);
             continue;
         }
-        for (int o = 0; o < kTableEntries; ++o) thin[o] = means.around(o, spread * m) * modu[m];
+        for (int o = 0; o < kTableEntries; ++o) thin[o] = opac[o] * modu[m];
         map_shade_kernels().opacity_codes(thin.data(), kTableEntries, exponent, row);
     }
     return codes;

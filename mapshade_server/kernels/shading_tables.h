@@ -34,9 +34,8 @@ using Cosines = std::vector<double>;
 // What multiplies the reflected colour, for every direction code; `roughness` has the cosines of rough ones.
 std::vector<float> light_table(Directions code, const std::vector<Cosines>& roughness, const Lighting& lighting);
 
-// 12-bit opacity codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8. opac is the mean over
-// `spread` times the modu index on either side.
-std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent, double spread);
+// 12-bit opacity codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8.
+std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent);
 
 // Those of 1 - (1 - opacity)^exponent for the opacities of a table over density and strength.
 std::vector<std::uint16_t> plane_opacity_codes(const double* opacities, double exponent);

@@ -32,15 +32,15 @@ LIMITS = [(one + next_one) / 2 for one, next_one in zip(AGREEMENTS, AGREEMENTS[1
 Reals = NDArray[np.float64]
 
 
-def halved_gradients(packets: Packets, code: DirectionCode, has_strength: bool) -> Packets:
-    """Strengths and directions, in the bits of a packet, of 2x2x2 voxels each (k, j, i); no strengths without any.
+def halved_gradients(packets: Packets, code: DirectionCode) -> Packets:
+    """Strengths and directions, in the bits of a packet, of 2x2x2 voxels each (k, j, i).
 
     `packets` must begin at even indices of the volume, and end so or where the volume ends.
     """
     halves = np.empty([(n + 1) // 2 for n in packets.shape], np.uint32)
     for k in range(0, len(packets), SHEETS_AT_A_TIME):
         sheets = packets[k : k + SHEETS_AT_A_TIME]
-        halves[k // 2 : (k + len(sheets) + 1) // 2] = _halved(sheets, code, has_strength)
+        halves[k // 2 : (k + len(sheets) + 1) // 2] = _halved(sheets, code)
     return halves
 
 
@@ -51,27 +51,27 @@ def with_gradients(packets: Packets, gradients: Packets, has_strength: bool) -> 
     return replaced
 
 
-def _halved(packets: Packets, code: DirectionCode, has_strength: bool) -> Packets:
+def _halved(packets: Packets, code: DirectionCode) -> Packets:
     there = packets >> NO_DATA_BIT == 0
     strengths = np.where(there, (packets & STRENGTH_BITS) >> 8, 0).astype(np.int64)
     counts = np.maximum(sums(there.astype(np.int64)), 1)
     mean_strengths = (2 * sums(strengths) + counts) // (2 * counts)
 
-    # Weights are odd, so that gradients too weak for a byte of strength have one as well
+    # All alike: what is seen of a block need not be where its gradients are strong, and light falls on it all the same
     directed = _along(code)[(packets & DIRECTION_BITS) >> DIRECTION_SHIFT]
     has_direction = there & directed.any(axis=-1)
-    weights = np.where(has_direction, 2 * strengths + 1 if has_strength else 1, 0)
-    total = np.stack([sums(directed[..., axis] * weights) for axis in range(3)], axis=-1)
-    codes = _rough_codes(total, sums(weights))
+    directions = has_direction.astype(np.int64)
+    total = np.stack([sums(directed[..., axis] * directions) for axis in range(3)], axis=-1)
+    codes = _rough_codes(total, sums(directions))
     gradients: Packets = (mean_strengths << 8 | codes << DIRECTION_SHIFT).astype(np.uint32)
     return gradients
 
 
-def _rough_codes(total: Reals, weights: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The codes of these sums of directions, (k, j, i, 3), whose weights add up to so much."""
+def _rough_codes(total: Reals, directions: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The codes of these sums, (k, j, i, 3), of so many directions."""
     x, y, z = (total[..., axis] for axis in range(3))
     length = np.sqrt(x * x + y * y + z * z)
-    agreement = length / np.maximum(weights, 1)
+    agreement = length / np.maximum(directions, 1)
     roughness = sum((agreement < limit).astype(np.int64) for limit in LIMITS)
 
     size = np.abs(x) + np.abs(y) + np.abs(z)
@@ -83,7 +83,7 @@ def _rough_codes(total: Reals, weights: NDArray[np.int64]) -> NDArray[np.int64]:
     middle = ROUGH_SIDE // 2
     u, v = (np.floor((place + 1.0) * middle + 0.5).astype(np.int64) for place in (across, along))
     codes = roughness * ROUGH_DIRECTIONS + v * ROUGH_SIDE + u
-    return np.where((size > 0.0) & (weights > 0), codes, ROUGH_NO_GRADIENT)
+    return np.where((size > 0.0) & (directions > 0), codes, ROUGH_NO_GRADIENT)
 
 
 @lru_cache(maxsize=3)

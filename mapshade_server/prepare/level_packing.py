@@ -1,7 +1,9 @@
 """The second pass: packs one level block by block, and lays down the means that the next level is packed from."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
 from volsplat.mapshade_server.prepare.layout import Layout, halved_box
 from volsplat.mapshade_server.prepare.level_source import LevelSource
+from volsplat.mapshade_server.prepare.mixture_files import Mixture, MixtureFiles
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -26,6 +29,7 @@ class Besides:
 
     box: Box
     means: BlockScalars | None  # for the next level, if there is one
+    mixtures: list[Mixture]  # of each shard, likewise
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 
 
@@ -55,6 +59,7 @@ class LevelPacker:
     source: Scalars
     coarser: StoredScalars | None
     extents: LevelSource
+    mixtures: MixtureFiles  # of the next level
 
     def packed(self, box: Box) -> PackedBlock:
         sub_cube = SubCube(self.geometry, box, self.source.second_range)
@@ -65,13 +70,31 @@ class LevelPacker:
         packets, has_strength = np.asarray(memoryview(sub_cube.packets)), self.quantisation.has_strength
         if read.gradients is not None:
             packets = with_gradients(packets, read.gradients, has_strength)
-        means = None
+        means, mixtures = None, []
         if self.coarser is not None:
             code = self.quantisation.directions if read.gradients is None else "rough"
-            gradients = halved_gradients(packets, code, has_strength)
+            gradients = halved_gradients(packets, code)
             means = _halved(read.values[box.slices(with_halo.low)], read.second, gradients)
+            mixtures = list(self._mixtures(box, packets, self._packed_means(means)))
         extents = brick_extents(packets, self.layout.brick, self.background)
-        return PackedBlock(packets, Besides(box, means, extents))
+        return PackedBlock(packets, Besides(box, means, mixtures, extents))
+
+    def _packed_means(self, means: BlockScalars) -> Packets:
+        """Packets as the next level will have them."""
+        nk, nj, ni = means.values.shape
+        part = msgspec.structs.replace(self.geometry, dims=(ni, nj, nk))
+        sub_cube = SubCube(part, part.box, self.source.second_range)
+        sub_cube.hold(means.values, means.second)
+        sub_cube.pack(self.quantisation)
+        packets = np.asarray(memoryview(sub_cube.packets))
+        if means.gradients is None:
+            return packets
+        return with_gradients(packets, means.gradients, self.quantisation.has_strength)
+
+    def _mixtures(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[Mixture]:
+        for shard in self.layout.shards(self.geometry.dims, box):
+            there = halved_box(shard).slices(halved_box(box).low)
+            yield Mixture.of_voxels(packets[shard.slices(box.low)], coarser[there])
 
     def stored(self, packed: PackedBlock, writer: StoreWriter) -> StoredBlock:
         """Once its shards are on the disk."""
@@ -87,6 +110,9 @@ class LevelPacker:
         box, means, extents = stored.besides.box, stored.besides.means, stored.besides.extents
         if self.coarser is not None and means is not None:
             self.coarser.write(halved_box(box), means)
+            shards = self.layout.shards(self.geometry.dims, box)
+            for shard, mixture in zip(shards, stored.besides.mixtures, strict=True):
+                self.mixtures.write(shard, mixture)
         nk, nj, ni, _ = extents.shape
         i, j, k = (low // self.layout.brick for low in box.low)
         bricks = Box((i * BRICK_FIELDS, j, k), ((i + ni) * BRICK_FIELDS, j + nj, k + nk))

@@ -14,6 +14,7 @@ import numpy as np
 from volsplat.mapshade_server.held.packet_store import (
     BRICK_FIELDS,
     BRICKS,
+    MIXTURES,
     Source,
     StoreAttributes,
     StoredLevel,
@@ -29,6 +30,7 @@ from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, 
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.machines import Machines
+from volsplat.mapshade_server.prepare.mixture_files import MixtureFiles
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.prepare.run_mark import marked
 from volsplat.mapshade_server.prepare.scalars import Scalars, StoredScalars, volume_scalars
@@ -245,8 +247,17 @@ class Preparation:
                 coarser = self._stored(journal, str(n + 1), self._levels[n + 1].dims, scalar_type)
             held = brick_dims(geometry.dims, layout.brick)
             extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
+            mixtures = MixtureFiles(journal.folder / f"{MIXTURES}-{n + 1}")
             packer = LevelPacker(
-                n, geometry, attributes.quantisation, attributes.background_at(n), layout, source, coarser, extents
+                n,
+                geometry,
+                attributes.quantisation,
+                attributes.background_at(n),
+                layout,
+                source,
+                coarser,
+                extents,
+                mixtures,
             )
             for stored in executor.stored_blocks(packer, writer, missing[n]):
                 packer.finish(stored, journal)
@@ -255,7 +266,9 @@ class Preparation:
                 self._progress.advance(voxels * self._item_bytes)
             whole = extents.read(Box((0, 0, 0), held))
             writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
-            source = coarser or source
+            if coarser is not None:
+                writer.write_mixture(n + 1, mixtures.joined())
+                source = coarser
 
     def _begin_packing(self, writer: StoreWriter, journal: Journal) -> list[list[Box]]:
         """The blocks of each level of which the journal lacks a shard."""

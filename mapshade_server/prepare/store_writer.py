@@ -15,11 +15,13 @@ from volsplat.mapshade_server.held.packet_store import (
     BRICKS,
     DENSITY_COUNTS,
     METADATA,
+    MIXTURES,
     STRENGTH_COUNTS,
     Packets,
     StoreAttributes,
 )
 from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.prepare.mixture_files import Mixture
 from volsplat.mapshade_server.prepare.survey import Surveyed
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.protocol.description.block_extremes import block_dims
@@ -75,9 +77,16 @@ class StoreWriter:
         name = f"{BRICKS}/{self._attributes.levels[level].path}"
         _write_whole(self._group, name, extents, (*AXES, "extent"))
 
+    def write_mixture(self, level: int, mixture: Mixture) -> None:
+        """Stores what the voxels of a level stand for."""
+        steps = np.diff(mixture.keys.astype(np.uint64), prepend=np.uint64(0))
+        name = f"{MIXTURES}/{self._attributes.levels[level].path}"
+        _write_whole(self._group, name, np.stack((steps, mixture.counts)), ("entry", "number"))
+
     def finish(self) -> None:
         """Marks the store as complete, once all of it is on the disk."""
-        _onto_disk(self._out / BRICKS)
+        for folder in (BRICKS, MIXTURES):
+            _onto_disk(self._out / folder)
         _set_attributes(self._group, msgspec.structs.replace(self._attributes, complete=True))
         _onto_disk(self._out / METADATA)
 

@@ -171,7 +171,8 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
 
 
 def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: GridOnScreen) -> FramePlan:
-    bounds = bounds_at_level(resolved_bounds(scene, geometry), grid.factors)
+    in_volume = resolved_bounds(scene, geometry)
+    bounds = bounds_at_level(in_volume, grid.factors)
     if STEP_RULES[step].slabs:
         return _planned_slabs(scene, geometry, step, grid, bounds)
     i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], stride) for axis in range(3))
@@ -195,7 +196,7 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
         reach=reach,
         footprint=footprint,
         slabs=None,
-        opacity_exponents=_opacity_exponents(grid, reach, traversal, (i, j, k), gain),
+        opacity_exponents=_opacity_exponents(grid, reach, traversal, (i, j, k), in_volume, gain),
         edges=volume_edges(scene, geometry),
     )
     return plan._exchanged() if abs(down[sample]) > abs(across[sample]) else plan
@@ -263,13 +264,29 @@ def _opacity_exponents(
     reach: Reach,
     traversal: Traversal,
     visits: tuple[AxisVisits, AxisVisits, AxisVisits],
+    bounds: Box,
     gain: float,
 ) -> tuple[float, ...]:
-    sizes_i, sizes_j, sizes_k = (on_axis.block_sizes() for on_axis in visits)
-    blocks: list[Index] = [(i, j, k) for k, j, i in itertools.product(sizes_k, sizes_j, sizes_i)]
+    """Of blocks that reach beyond the volume, or its bounds, as much less as is missing; `bounds` are the volume's."""
     axes, stride = traversal.axes, visits[0].stride
-    exponents = {block: opacity_exponent(grid, reach, axes, stride, block, gain) for block in set(blocks)}
-    return tuple(exponents[block] for block in blocks)
+    on_axes = [
+        list(zip(on_axis.block_sizes(), _shares(on_axis, factor, low, high), strict=True))
+        for on_axis, factor, low, high in zip(visits, grid.factors, *bounds, strict=True)
+    ]
+    exponents = []
+    for (k, share_k), (j, share_j), (i, share_i) in itertools.product(*reversed(on_axes)):
+        there = share_i * share_j * share_k
+        exponents.append(opacity_exponent(grid, reach, axes, stride, (i, j, k), gain) * there)
+    return tuple(exponents)
+
+
+def _shares(visits: AxisVisits, factor: int, low: int, high: int) -> tuple[float, float, float]:
+    """How much of the first block, those between, and the last one lies within low..high of the volume."""
+    first, last = (
+        (min(end * factor, high) - max(begin * factor, low)) / ((end - begin) * factor)
+        for begin, end in (visits.block(0), visits.block(visits.count - 1))
+    )
+    return (first, 1.0, last)
 
 
 def _nearest_reach(grid: GridOnScreen, stride: int, scene: Scene) -> Reach:

@@ -23,10 +23,6 @@ from volsplat.protocol.rules.refinement import GREATEST_STRIDE, STEP_RULES
 LISTS_PER_PACKET = 0.65
 LISTS_PER_STORED_PACKET = 0.4
 
-# Of the mean strength of the gradients that a coarser voxel stands for, what its values rise by on their way through
-# it: the rest is noise, and slopes that cancel.
-RISING_SHARE = 0.6
-
 
 class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What was decided of a volume when it was prepared."""
@@ -98,21 +94,6 @@ def dims_at_level(dims: Index, factors: Index) -> Index:
 def thickness_of(geometry: Geometry, level: Geometry) -> float:
     """The level's reference spacing in those of the volume."""
     return level.reference_spacing / geometry.reference_spacing
-
-
-def density_spread(geometry: Geometry, level: Geometry, rules: Quantisation) -> float:
-    """How far on either side of its density byte the values lie that a voxel of a level is the mean of, in bytes for
-    each byte of gradient strength; 0 for the volume itself, and if strength is not known.
-
-    The variance of n values that rise by equal steps is (n^2 - 1) / 12, that of evenly spread ones a third of the
-    square of how far they reach.
-    """
-    if not rules.has_strength or rules.strength_scale == 0.0:
-        return 0.0
-    voxels = thickness_of(geometry, level)
-    along = geometry.reference_spacing * math.sqrt(max(voxels * voxels - 1.0, 0.0)) / 2
-    spread = RISING_SHARE * along * rules.density_scale / rules.strength_scale
-    return spread if math.isfinite(spread) else 0.0
 
 
 def point_at_level(point: Vector, factors: Index) -> Vector:

@@ -54,6 +54,19 @@ ROW_RUN = struct.Struct("<IIIIii")
 OPACITY_CODES = 4096
 OPACITY_UNIT = 511 * 2**14
 
+# What a voxel of a coarser level stands for is told by bins: those of one density byte whose strength bytes are alike,
+# the first four bins as wide as a byte and then four to each doubling. A bin's number is density | strength's bin << 8.
+EXACT_STRENGTHS = 4
+STRENGTH_BINS = 28
+NO_DATA_BIN = 256 * STRENGTH_BINS
+BIN_BITS = 13
+
+
+def strength_bin(strength: int) -> int:
+    """The bin of a strength byte."""
+    doublings = max(strength.bit_length() - EXACT_STRENGTHS.bit_length(), 0)
+    return (strength >> doublings) + EXACT_STRENGTHS * doublings
+
 
 def opacity_of_code(code: int) -> float:
     """The opacity 0..1 that a 12-bit code stands for."""

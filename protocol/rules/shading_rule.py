@@ -1,7 +1,5 @@
 """How the samples of a frame become colour and opacity (paper: "Shading"), with what its step leaves of the scene."""
 
-import math
-
 import msgspec
 
 from volsplat.protocol.description.patches import NO_COLOUR, Patches
@@ -15,11 +13,8 @@ from volsplat.protocol.description.scene import (
     Shading,
     Step,
 )
-from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
-from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.refinement import STEP_RULES, active_shading
 from volsplat.protocol.rules.resolved_view import screen_rotation
 
@@ -64,19 +59,9 @@ class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cross_bar: CrossBar
     lighting: Lighting
     patches: Patches = ()
-    density_spread: float = 0.0  # see levels: of a level, the mean over what its voxels stand for is classified
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.density_spread < math.inf:
-            raise ValueError(f"densities are spread by a finite number from 0 on, not {self.density_spread}")
 
 
-def shading_at_level(scene: Scene, step: Step, geometry: Geometry, level: Geometry, rules: Quantisation) -> ShadingRule:
-    """Of samples that are voxels of a level, packed by these rules; `geometry` is the volume's."""
-    return shading_rule(scene, step, density_spread(geometry, level, rules))
-
-
-def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> ShadingRule:
+def shading_rule(scene: Scene, step: Step) -> ShadingRule:
     active, tables, cross_bar = active_shading(scene, step), scene.tables, scene.cross_bar
     if scene.plane.patches:
         return ShadingRule(
@@ -87,7 +72,6 @@ def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> Shadi
             cross_bar=CrossBar(),
             lighting=_lighting(scene, step),
             patches=scene.plane.patches if active.emitted else _without_emission(scene.plane.patches),
-            density_spread=density_spread,
         )
     modulated = scene.shading.modulation
     return ShadingRule(
@@ -97,7 +81,6 @@ def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> Shadi
         modu=tables.modu if modulated else ONE,
         cross_bar=cross_bar if modulated else msgspec.structs.replace(cross_bar, modu=Field.STRENGTH),
         lighting=_lighting(scene, step),
-        density_spread=density_spread,
     )
 
 

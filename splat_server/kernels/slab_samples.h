@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "kernels/field.h"
-#include "kernels/tables/table_means.h"
+#include "kernels/tables/patch_table.h"
 #include "slab_sums.h"
 
 namespace volsplat {

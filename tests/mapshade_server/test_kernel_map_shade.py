@@ -18,7 +18,7 @@ from reference import mapping, shading, voxel_packets
 from support.scenes.arbitrary import geometries, plain_scene
 from support.scenes.shaded_packets import Packets, all_batches, packets_of
 from support.scenes.shadings import directions, quantisations, scalar_tables, shaded_scenes, volumes
-from tolerances import CODE_TIE, FLOAT32_COLOUR, MEAN_LIGHT, MEAN_OPACITY, POWER
+from tolerances import CODE_TIE, FLOAT32_COLOUR, MEAN_LIGHT, POWER
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
@@ -28,7 +28,7 @@ from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import ROUGH_DIRECTIONS, ROUGHNESS_COSINES, ROUGHNESSES, Quantisation
-from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity, opacity_of_code
+from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
@@ -110,7 +110,7 @@ def test_powers_are_accurate(base: float, exponent: float) -> None:
 
 @given(opac=scalar_tables(), modu=scalar_tables(), exponent=st.sampled_from((1.0, 2.0, 4.0)) | st.floats(1e-3, 500))
 def test_opacity_tables_are_those_of_the_reference(opac: ScalarTable, modu: ScalarTable, exponent: float) -> None:
-    codes = from_dlpack(_kernels.opacity_table(opac.entries(), modu.entries(), exponent, 0.0)).to(torch.int64)
+    codes = from_dlpack(_kernels.opacity_table(opac.entries(), modu.entries(), exponent)).to(torch.int64)
     opac_entries, modu_entries = (torch.tensor(t.entries(), dtype=torch.float64) for t in (opac, modu))
     thin = (modu_entries[:, None] * opac_entries).flatten()
     opacity = shading.thickened(thin, torch.tensor(exponent, dtype=torch.float64))
@@ -120,7 +120,7 @@ def test_opacity_tables_are_those_of_the_reference(opac: ScalarTable, modu: Scal
 @given(opacities=st.lists(st.floats(0, 1), min_size=1, max_size=256))
 def test_opacities_are_coded_by_the_rule_of_the_packet_layout(opacities: list[float]) -> None:
     table = opacities + [0.0] * (256 - len(opacities))
-    codes = from_dlpack(_kernels.opacity_table(table, [1.0] * 256, 1.0, 0.0))[:256]
+    codes = from_dlpack(_kernels.opacity_table(table, [1.0] * 256, 1.0))[:256]
     assert codes.tolist() == [code_of_opacity(opacity) for opacity in table]
 
 
@@ -156,20 +156,6 @@ def test_light_on_rough_directions_is_the_mean_around_them(data: st.DataObject, 
             direction = sparse * cosine + ring * (1 - cosine**2).sqrt()
             expected += shading.light_of_directions(scene, Step.F, direction) / (8 * 16)
     assert (table[: ROUGHNESSES * ROUGH_DIRECTIONS : 101] - expected).abs().max() <= MEAN_LIGHT
-
-
-@given(opac=scalar_tables(), spread=st.floats(0.0, 3.0), strength=st.integers(0, 255))
-def test_of_levels_the_mean_of_an_opacity_over_nearby_densities_counts(
-    opac: ScalarTable, spread: float, strength: int
-) -> None:
-    codes = from_dlpack(_kernels.opacity_table(opac.entries(), [1.0] * 256, 1.0, spread)).reshape(256, 256)[strength]
-    half = spread * strength
-    places = torch.arange(256.0, dtype=torch.float64)[:, None] + half * torch.linspace(-1, 1, 2001, dtype=torch.float64)
-    places = places.clamp(0, 255)
-    entries, below = torch.tensor(opac.entries(), dtype=torch.float64), places.floor().clamp(max=254).long()
-    values = entries[below] + (entries[below + 1] - entries[below]) * (places - below)
-    got = torch.tensor([opacity_of_code(code) for code in codes.tolist()], dtype=torch.float64)
-    assert (got - values.mean(dim=1)).abs().max() <= MEAN_OPACITY
 
 
 def test_tables_are_kept_while_the_scene_stays_the_same() -> None:

@@ -3,13 +3,11 @@
 import pytest
 import torch
 from hypothesis import given
-from hypothesis import strategies as st
 from torch.utils.dlpack import from_dlpack
 
 from reference.plane import PlaneTable, plane_table
 from support.scenes.arbitrary import plain_scene
 from support.scenes.shadings import patches
-from tolerances import MEAN_OPACITY
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.protocol.description.patches import Patch, Patches, greatest_opacity
@@ -20,9 +18,9 @@ EXACT = 1e-12
 FLOAT32 = 1e-6
 
 
-def table_of(drawn: Patches, spread: float = 0.0) -> PlaneTable:
+def table_of(drawn: Patches) -> PlaneTable:
     """The kernel's, in the reference's form."""
-    made = _kernels.PatchTable([patch.numbers for patch in drawn], spread)
+    made = _kernels.PatchTable([patch.numbers for patch in drawn])
     emit, refl = (from_dlpack(of)[:, :3].reshape(256, 256, 3).double() for of in (made.emit, made.refl))
     return PlaneTable(from_dlpack(made.opacity).reshape(256, 256), emit, refl)
 
@@ -37,18 +35,10 @@ def test_it_is_that_of_the_reference(drawn: Patches) -> None:
         assert not seen.any() or (got - wanted)[seen].abs().max() <= FLOAT32
 
 
-@given(drawn=patches(), spread=st.floats(1e-3, 2.0))
-def test_of_levels_it_is_the_mean_over_nearby_densities(drawn: Patches, spread: float) -> None:
-    made, expected = table_of(drawn, spread), plane_table(drawn, spread)
-    assert (made.opacity - expected.opacity).abs().max() <= MEAN_OPACITY
-    clear = expected.opacity > 100 * MEAN_OPACITY
-    assert not clear.any() or (made.refl - expected.refl)[clear].abs().max() <= 0.02
-
-
 @given(drawn=patches())
 def test_what_can_be_seen_is_seen_by_both_bytes(drawn: Patches) -> None:
     opacity = plane_table(drawn).opacity > EXACT
-    densities, strengths = _kernels.PatchTable([patch.numbers for patch in drawn], 0.0).seen()
+    densities, strengths = _kernels.PatchTable([patch.numbers for patch in drawn]).seen()
     for found, there in ((densities, opacity.any(dim=0)), (strengths, opacity.any(dim=1))):
         assert set(torch.nonzero(there).flatten().tolist()) <= set(found)
 

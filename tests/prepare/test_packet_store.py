@@ -168,8 +168,8 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 2, this version reads format 4; prepare the volume again"):
-        open_store(changed(place, tmp_path / "older.zarr", format=2))
+    with pytest.raises(BadInput, match="of format 4, this version reads format 5; prepare the volume again"):
+        open_store(changed(place, tmp_path / "older.zarr", format=4))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
 
@@ -190,6 +190,20 @@ def test_damaged_shards_and_missing_arrays_are_refused_in_one_line(place: Path, 
         open_store(str(copy))
 
 
+def test_what_voxels_cannot_stand_for_is_refused(place: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(place, copy)
+    zarr.open_array(copy / "mixtures" / "1", mode="r+")[1, 3] = 0
+    zarr.open_array(copy / "mixtures" / "2", mode="r+")[0, 3] = 1 << 40
+    store = open_store(str(copy))
+    for level in (1, 2):
+        with pytest.raises(BadInput, match=f"its mixtures/{min(level, 1)} is not what was written; delete it"):
+            store.mixture(level)
+    zarr.open_array(copy / "mixtures" / "1", mode="r+")[1, 3] = 1
+    with pytest.raises(BadInput, match="its mixtures/2 is not what was written; delete it"):
+        store.mixture(2)
+
+
 SPOILT = 12  # places in each file: zstd's checksums are over all bytes, ours to see is that all files have one
 
 
@@ -203,7 +217,9 @@ def read_whole(place: str) -> list[object]:
     levels = [
         (store.read(n, level.geometry.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)
     ]
-    return [store.description, store.quantisation, store.density_counts, store.strength_counts, *levels]
+    table = np.arange(65536.0)[:, None]
+    mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]
+    return [store.description, store.quantisation, store.density_counts, store.strength_counts, *levels, *mixtures]
 
 
 def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(tmp_path: Path) -> None:

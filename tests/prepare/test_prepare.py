@@ -18,7 +18,7 @@ import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from reference import level_means
+from reference import level_means, level_mixtures
 from support.files.prepared import (
     LITTLE,
     ODD_DIMS,
@@ -40,23 +40,33 @@ from volsplat.mapshade_server.held.packet_store import PacketStore, attributes_o
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.command import window_from_option
 from volsplat.mapshade_server.prepare.halving import halved, mean_type
-from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, halved_geometry, memory_plan
+from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, halved_geometry, memory_plan
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
 from volsplat.protocol.description.scene import Quantise
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
+EXACT_MEANS = 1e-12  # of some thousand numbers, in another order
+
 
 def assert_levels_are_means(store: PacketStore, values: Voxels) -> None:
     """Every level packed as one, its values by the reference."""
     scalar_type, finer = values.dtype.name, None
+    mixtures: list[torch.Tensor] = []
+    table = torch.rand((65536, 2), dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    assert store.mixture(0) is None
     for level, (factor, geometry) in enumerate(store.levels):
         assert factor == 2**level
         packed = torch.from_numpy(packed_whole(geometry, values, store.quantisation).astype(np.int64))
         if finer is not None:
             scheme = store.quantisation.directions if level == 1 else "rough"
             packed = level_means.with_gradients_of(finer, scheme, packed)
+            mixtures.append(level_mixtures.mixture(finer, packed))
+            mixture = store.mixture(level)
+            assert mixture is not None
+            means = torch.from_numpy(mixture.means(table.numpy()))
+            assert (means - level_mixtures.level_table(table, mixtures)).abs().max() <= EXACT_MEANS
         finer = torch.from_numpy(store.read(level, geometry.box).astype(np.int64))
         assert torch.equal(finer, packed)
         exact = torch.from_numpy(values.astype(np.float64))
@@ -133,6 +143,19 @@ def test_memory_changes_no_byte(tmp_path: Path) -> None:
     }
     assert len(plans) == 3
     assert tree(tmp_path / "much.zarr") == tree(tmp_path / "some.zarr") == tree(tmp_path / "little.zarr")
+
+
+def test_what_voxels_stand_for_depends_on_no_layout(tmp_path: Path) -> None:
+    volume = written(tmp_path / "volume.nrrd", values_of("float32"))
+    table = np.random.default_rng(1).random((65536, 1))
+    means = []
+    for brick, shard in ((8, 16), (8, 8), (16, 64)):
+        out = tmp_path / f"{brick}-{shard}.zarr"
+        prepare_small(volume, out, Options(layout=Layout(brick, shard)))
+        mixture = open_store(str(out)).mixture(2)
+        assert mixture is not None
+        means.append(mixture.means(table))
+    assert means[0].any() and all((other == means[0]).all() for other in means[1:])
 
 
 @pytest.mark.parametrize("zipped", [False, True])

@@ -12,7 +12,8 @@ from support.files.head_volume import skin
 from support.files.silent_progress import Silent
 from support.patience import wait_until
 from support.programs.server_processes import is_server
-from tolerances import LEVEL_BRIGHTNESS
+from support.scenes.level_brightness import SIDES, layout_of, measured
+from tolerances import LEVEL_BRIGHTNESS, THIN_LEVEL_BRIGHTNESS
 from volsplat.client import Session
 from volsplat.client.coordinator.base_level import LevelChoice, budgets
 from volsplat.client.phantoms import make_phantom
@@ -271,3 +272,24 @@ def test_who_holds_nothing_of_a_level_refuses_to_count_it(store: Path) -> None:
     held.answers(OpenPackets(1, str(store), [LevelBoxes(0, [])], identity))
     with pytest.raises(BadInput, match="nothing is held here"):
         held.answers(CountHistograms(1, 0.0, 255.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("volume", "preset"),
+    [
+        ("orbital/benzene-homo.cube", "orbital"),
+        ("maps/3ek3-2fofc.map.gz", "xray-map"),
+        ("maps/3ek3-2fofc.map.gz", "molecules"),
+    ],
+)
+def test_levels_of_what_is_thin_are_as_bright_as_the_volume(
+    volume: str, preset: str, shared_data: Path, tmp_path: Path
+) -> None:
+    """From two sides, where zooming out takes them; and pictures do not jump there."""
+    name, out = str(shared_data / volume), tmp_path / "levels.zarr"
+    with SingleProcess(name) as plain:
+        prepare(name, out, Options(layout=layout_of(max(plain.volume.description.geometry.dims))), Silent())
+        with SingleProcess(out) as levels:
+            bright = [measured(preset, level, side, plain, levels) for level in (1, 2) for side in SIDES]
+    assert max(abs(one.of_volume - 1.0) for one in bright) <= THIN_LEVEL_BRIGHTNESS
+    assert max(abs(one.jump) for one in bright) <= 2.0

@@ -36,8 +36,8 @@ def strongest(values: Tensor, second: Tensor) -> Tensor:
 def with_gradients_of(finer: Tensor, scheme: str, packed: Tensor, has_strength: bool = True) -> Tensor:
     """Packets (k, j, i) int64 of a level with gradients of the level before, `finer`, in place of their own.
 
-    Strength is the mean of up to eight, direction that of the sum of their vectors; the longer that is, of what they
-    add up to at most, the less rough.
+    Strength is the mean of up to eight, direction that of the sum of their unit vectors; the longer that is, for so
+    many, the less rough.
     """
     here = [finer[dk::2, dj::2, di::2] for dk, dj, di in product((0, 1), repeat=3)]
     mean_of = directions(scheme).clone()
@@ -52,7 +52,7 @@ def with_gradients_of(finer: Tensor, scheme: str, packed: Tensor, has_strength: 
         there = corner >> NO_DATA_BIT == 0
         byte = torch.where(there, corner >> 8 & 255, 0)
         vector = mean_of[corner >> DIRECTION_SHIFT & 32767]
-        counts = (2 * byte + 1 if has_strength else torch.ones_like(byte)) * (there & vector.any(dim=-1))
+        counts = (there & vector.any(dim=-1)).long()
         count[k, j, i] += there
         strength[k, j, i] += byte
         weight[k, j, i] += counts

@@ -16,17 +16,11 @@ class PlaneTable(NamedTuple):
     refl: Tensor
 
 
-def plane_table(patches: Patches, spread: float = 0.0) -> PlaneTable:
-    """`spread`: of densities up to so many bytes to either side, for each byte of strength, the mean."""
+def plane_table(patches: Patches) -> PlaneTable:
     opacities = torch.stack([_opacities(patch) for patch in patches])
     total = opacities.sum(dim=0)
     opacity = 1 - (1 - opacities).prod(dim=0)
     emit, refl = (_mixed(opacities, total, patches, name) for name in ("emit", "refl"))
-    if spread > 0:
-        seen = opacity[..., None]
-        thick, emit, refl = (_spread_out(of, spread) for of in (seen, seen * emit, seen * refl))
-        opacity = thick[..., 0]
-        emit, refl = (torch.where(thick > 0, of / thick.clamp(min=1e-300), 0.0) for of in (emit, refl))
     return PlaneTable(opacity, emit, refl)
 
 
@@ -52,27 +46,3 @@ def _mixed(opacities: Tensor, total: Tensor, patches: Patches, name: str) -> Ten
     colours = torch.tensor([getattr(patch, name) for patch in patches], dtype=torch.float64)
     mixed = (opacities[..., None] * colours[:, None, None]).sum(dim=0) / total.clamp(min=1e-300)[..., None]
     return torch.where(total[..., None] > 0, mixed, 0.0)
-
-
-def _spread_out(values: Tensor, spread: float) -> Tensor:
-    """The mean of straight lines between the densities of each strength, constant beyond them (256, 256, n)."""
-    means = []
-    for strength, row in enumerate(values):
-        half = spread * strength
-        if half < 0.001:
-            means.append(row)
-            continue
-        # Of the integral up to each place, by the trapezia before it
-        sums = torch.cat((torch.zeros(1, row.shape[1]), ((row[1:] + row[:-1]) / 2).cumsum(dim=0)))
-        ends = [_integral(row, sums, torch.arange(256) + way * half) for way in (-1, 1)]
-        means.append(((ends[1] - ends[0]) / (2 * half)).clamp(0, 1))
-    return torch.stack(means)
-
-
-def _integral(row: Tensor, sums: Tensor, place: Tensor) -> Tensor:
-    within = place.double().clamp(0, 255)
-    below = within.floor().long().clamp(max=254)
-    part = (within - below)[:, None]
-    inside = sums[below] + part * (row[below] + (row[below + 1] - row[below]) * part / 2)
-    beyond = (place - within)[:, None]
-    return inside + torch.where(beyond < 0, row[0] * beyond, row[255] * beyond)

@@ -5,6 +5,7 @@
 #include "frame_walk.h"
 #include "kernels/bind_module.h"
 #include "kernels/tables/bind_patch_table.h"
+#include "mixtures.h"
 #include "preprocessing.h"
 #include "signs_of_life.h"
 #include "slab_walk.h"
@@ -14,6 +15,7 @@ NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the map/shade server.";
     volsplat::bind_module(m);
     volsplat::bind_patch_table(m);
+    volsplat::bind_mixtures(m);
     volsplat::bind_preprocessing(m);
     volsplat::bind_walker(m);
     volsplat::bind_frame_walk(m);

@@ -143,12 +143,11 @@ nb::object python_colour_table(const std::vector<Vector3>& colours) {
     return owned_array(std::move(table), kTableEntries, 4);
 }
 
-nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent,
-                                double spread) {
+nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent) {
     if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
         throw std::invalid_argument("a scalar table needs 256 entries");
     }
-    std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent, spread);
+    std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent);
     codes.resize(codes.size() + kSpare);
     return owned_array(std::move(codes), kTableEntries * kTableEntries);
 }
@@ -179,7 +178,7 @@ void bind_preprocessing(nb::module_& m) {
     m.def("light_table", &python_light_table, "directions"_a, "roughness"_a, "light"_a, "half"_a, "diffuse"_a,
           "specular"_a, "two_sided"_a, "specular_power"_a);
     m.def("colour_table", &python_colour_table, "colours"_a);
-    m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a, "spread"_a);
+    m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
     m.def("plane_opacity_codes", &python_plane_opacity_codes, "opacities"_a, "exponent"_a);
 }
 

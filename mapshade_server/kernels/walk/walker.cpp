@@ -37,10 +37,22 @@ std::vector<VisibleRows> rows_of(const FrameWalk& walk) {
     return rows;
 }
 
-// The samples of a row whose blocks are of one size: all but what is clipped at either end of the grid.
-Ordinals with_equal_blocks(const AxisVisits& visits) {
+// Whether blocks of a class on an axis have other opacities than those between the ends.
+bool differs(const std::array<int, 27>& opacity_of_class, int axis, int block_class) {
+    const int digit = axis == 0 ? 1 : axis == 1 ? 3 : 9;
+    for (int n = 0; n < 27; ++n) {
+        if (n / digit % 3 == 1 && opacity_of_class[n] != opacity_of_class[n + (block_class - 1) * digit]) return true;
+    }
+    return false;
+}
+
+// The samples of a row whose blocks are alike: all but what is clipped at either end of the grid, or reaches beyond.
+Ordinals with_equal_blocks(const WalkPlan& plan, const std::array<int, 27>& opacity_of_class) {
+    const AxisVisits& visits = plan.visits_of(2);
     const std::int64_t last = visits.count - 1;
-    return {visits.clipped(0) ? 1 : 0, visits.clipped(last) ? last : visits.count};
+    const bool first_alone = visits.clipped(0) || differs(opacity_of_class, plan.axes[2], 0);
+    const bool last_alone = visits.clipped(last) || differs(opacity_of_class, plan.axes[2], 2);
+    return {first_alone ? 1 : 0, last_alone ? last : visits.count};
 }
 
 // How many sheets or rows there are from the first one to the last that boxes have.
@@ -72,7 +84,7 @@ Walker::Walker(const FrameWalk& walk, std::int64_t number)
       walk_(walk),
       plan_(walk.plan),
       number_(number),
-      equal_blocks_(with_equal_blocks(plan_.visits_of(2))),
+      equal_blocks_(with_equal_blocks(plan_, walk.tables.opacity_of_class)),
       boxes_(rows_of(walk)),
       shading_(plan_, walk.tables, longest_row(boxes_)),
       cutter_(plan_, walk.regions, walk.tables.colours),

@@ -1,0 +1,109 @@
+// Checks arrays, releases the GIL, and wraps results.
+#include "mapshade_server/kernels/mixtures.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "arrays.h"
+#include "kernels/tables/patch_table.h"
+#include "mixtures.h"
+
+namespace volsplat {
+
+using namespace nb::literals;
+
+namespace {
+
+using Packets = nb::ndarray<const std::uint32_t, nb::ndim<3>, nb::device::cpu>;
+using Keys = nb::ndarray<const std::uint32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Counts = nb::ndarray<const std::uint64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Table = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+PacketView view_of(const Packets& packets) {
+    PacketView view{packets.data(), {}, {}};
+    for (int axis = 0; axis < 3; ++axis) {
+        view.size[axis] = static_cast<std::int64_t>(packets.shape(2 - axis));
+        view.step[axis] = packets.stride(2 - axis);
+    }
+    return view;
+}
+
+void check_entries(const Keys& keys, const Counts& counts) {
+    if (keys.shape(0) != counts.shape(0)) throw std::invalid_argument("each key needs a count");
+    constexpr std::uint32_t kFiner = (1u << kBinBits) - 1;
+    for (std::size_t n = 0; n < keys.shape(0); ++n) {
+        const std::uint32_t key = keys.data()[n];
+        if (key >> kBinBits >= kNoDataBin || (key & kFiner) > kNoDataBin || counts.data()[n] == 0 ||
+            (n > 0 && key <= keys.data()[n - 1])) {
+            throw std::invalid_argument("entries of a mixture ascend by keys of two bins, and count something");
+        }
+    }
+}
+
+void check_rows(const Table& table, std::size_t rows) {
+    if (table.shape(0) != rows) throw std::invalid_argument("a table of a mixture has a row for each of its entries");
+}
+
+nb::tuple python_entries(const MixtureCounts& mixture) {
+    std::vector<std::uint32_t> keys;
+    std::vector<std::uint64_t> counts;
+    {
+        nb::gil_scoped_release unlocked;
+        for (const MixtureEntry& entry : mixture.by_key()) {
+            keys.push_back(entry.key);
+            counts.push_back(entry.count);
+        }
+    }
+    const std::size_t size = keys.size();
+    return nb::make_tuple(owned_array(std::move(keys), size), owned_array(std::move(counts), size));
+}
+
+}  // namespace
+
+void bind_mixtures(nb::module_& m) {
+    nb::class_<MixtureCounts>(m, "MixtureCounts")
+        .def(nb::init<>())
+        .def(
+            "add_voxels",
+            [](MixtureCounts& mixture, const Packets& finer, const Packets& coarser) {
+                const PacketView voxels = view_of(finer), means = view_of(coarser);
+                nb::gil_scoped_release unlocked;
+                mixture.add_voxels(voxels, means);
+            },
+            "finer"_a, "coarser"_a)
+        .def(
+            "add",
+            [](MixtureCounts& mixture, const Keys& keys, const Counts& counts) {
+                check_entries(keys, counts);
+                nb::gil_scoped_release unlocked;
+                for (std::size_t n = 0; n < keys.shape(0); ++n) mixture.add(keys.data()[n], counts.data()[n]);
+            },
+            "keys"_a, "counts"_a)
+        .def("entries", &python_entries);
+    m.def("check_mixture", &check_entries, "keys"_a, "counts"_a);
+    m.def(
+        "binned",
+        [](const Table& table) {
+            check_rows(table, kPlaneEntries);
+            return owned_array(binned(table.data(), table.shape(1)), kNoDataBin + 1, table.shape(1));
+        },
+        "table"_a);
+    m.def(
+        "mixed",
+        [](const Keys& keys, const Counts& counts, const Table& finer) {
+            check_entries(keys, counts);
+            check_rows(finer, kNoDataBin + 1);
+            return owned_array(mixed(keys.data(), counts.data(), keys.shape(0), finer.data(), finer.shape(1)),
+                               kNoDataBin + 1, finer.shape(1));
+        },
+        "keys"_a, "counts"_a, "finer"_a);
+    m.def(
+        "unbinned",
+        [](const Table& table) {
+            check_rows(table, kNoDataBin + 1);
+            return owned_array(unbinned(table.data(), table.shape(1)), kPlaneEntries, table.shape(1));
+        },
+        "table"_a);
+}
+
+}  // namespace volsplat
