@@ -227,7 +227,7 @@ MESH_VOLUME = 0.02  # of a ball's volume: a mesh's faces cut corners, and its de
 # Brightness of level 1 over the volume's own where it takes its place, small volumes whose features are few voxels wide
 # among them: 5 % is the worst there (docs/how_it_works/properties.md has the figures of a whole scan).
 LEVEL_BRIGHTNESS = 0.06
-THIN_LEVEL_BRIGHTNESS = 0.04  # of levels 1 and 2 where what is seen is two or three voxels thick: a benzene orbital's
+THIN_LEVEL_BRIGHTNESS = 0.045  # of levels 1 and 2 where what is seen is two or three voxels thick: a benzene orbital's
 
 # Light around a direction, 0..1: the mean that kernels take over few places, and the tests over many.
 MEAN_LIGHT = 0.02
