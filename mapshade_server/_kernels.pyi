@@ -117,24 +117,33 @@ class PatchTable:
     def seen(self) -> tuple[list[int], list[int]]:
         """The densities, and the strengths, that are not transparent with all of the others."""
 
-class MixtureCounts:
+class MixtureEntries:
     """What the voxels of a coarser level stand for; see mixtures.h."""
 
-    def __init__(self) -> None: ...
-    def add_voxels(self, finer: Array, coarser: Array) -> None:
-        """Packets (k, j, i) of a box, and of the voxels of the next level that are the means of them.
+    def __init__(self, keys: Array, counts: Array, left_open: int) -> None:
+        """Raises ValueError for what is no mixture."""
 
-        Raises ValueError unless these are half as many on each axis.
-        """
+    def add(self, other: MixtureEntries) -> None: ...
+    @property
+    def keys(self) -> Array:
+        """Ascending, uint32 (n,): a copy."""
 
-    def add(self, keys: Array, counts: Array) -> None:
-        """Entries of others. Raises ValueError for what are none."""
+    @property
+    def counts(self) -> Array:
+        """Of each key, uint64 (n,): a copy."""
 
-    def entries(self) -> tuple[Array, Array]:
-        """Rising keys, uint32 (n,), and the count of each, uint64 (n,)."""
+    @property
+    def left_open(self) -> int:
+        """Bits of the finer densities that keys do not tell."""
+
+def mixture_of(finer: Array, coarser: Array) -> MixtureEntries:
+    """Of packets (k, j, i) of a box, and of the voxels of the next level that are the means of them.
+
+    Raises ValueError unless these are half as many on each axis.
+    """
 
 def check_mixture(keys: Array, counts: Array) -> None:
-    """Raises ValueError unless these are entries of MixtureCounts."""
+    """Raises ValueError unless these are keys and counts of MixtureEntries."""
 
 def binned(table: Array) -> Array:
     """The means of a table over density | strength << 8, float64 (65536, channels), over the strengths of each bin:

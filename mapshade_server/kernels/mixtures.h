@@ -21,47 +21,26 @@ struct PacketView {
     const std::uint32_t* row(std::int64_t j, std::int64_t k) const { return first + j * step[1] + k * step[2]; }
 };
 
-// The bin of the coarser voxels, then that of the finer ones or kNoDataBin, with how many of these there are.
-struct MixtureEntry {
-    std::uint32_t key;
-    std::uint64_t count;
-};
+// The bin of the coarser voxels << kBinBits | that of the finer ones or kNoDataBin, ascending, and how many of these
+// there are. Of many different ones only the upper bits of the finer densities are told, with the middle of what they
+// leave open.
+struct MixtureEntries {
+    std::vector<std::uint32_t> keys;
+    std::vector<std::uint64_t> counts;
+    int left_open = 0;  // bits of the finer densities
 
-// Counts by key, in an open table.
-class MixtureCounts {
-public:
-    MixtureCounts() : slots_(kLeastSlots) {}
-
-    // Of 2x2x2 finer voxels to each coarser one, fewer at an odd end. Throws std::invalid_argument for other sizes.
-    void add_voxels(const PacketView& finer, const PacketView& coarser);
-
-    void add(std::uint32_t key, std::uint64_t count) {
-        MixtureEntry& slot = slot_of(key);
-        if (slot.count == 0) {
-            slot.key = key;
-            ++used_;
-        }
-        slot.count += count;
-        if (2 * used_ > slots_.size()) grow();
-    }
-
-    std::vector<MixtureEntry> by_key() const;
+    // The entries of both: the same, whatever is added to what, and in which order.
+    void add(const MixtureEntries& other);
 
 private:
-    static constexpr std::size_t kLeastSlots = 1 << 12;
-
-    MixtureEntry& slot_of(std::uint32_t key) {
-        const std::size_t last = slots_.size() - 1;
-        std::size_t at = (key * 0x9E3779B97F4A7C15u) >> 20 & last;
-        while (slots_[at].count != 0 && slots_[at].key != key) at = (at + 1) & last;
-        return slots_[at];
-    }
-
-    void grow();
-
-    std::vector<MixtureEntry> slots_;  // as many as a power of 2; a count of 0 is an empty one
-    std::size_t used_ = 0;
+    void leave_open(int bits);
 };
+
+// So many entries are kept, that memory is bounded: noise has as many as it has voxels.
+constexpr std::size_t kMostMixtureEntries = 1 << 20;
+
+// Of 2x2x2 finer voxels to each coarser one, fewer at an odd end. Throws std::invalid_argument for other sizes.
+MixtureEntries mixture_of(const PacketView& finer, const PacketView& coarser);
 
 // Of a table over density | strength << 8 with so many numbers to an entry: the mean of each bin, and zeros for no
 // data.

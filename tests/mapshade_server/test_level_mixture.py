@@ -10,10 +10,9 @@ from torch import Tensor
 
 from reference import level_mixtures
 from support.scenes.arbitrary import plain_scene
-from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server._kernels import MixtureEntries, mixture_of
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
-from volsplat.mapshade_server.prepare.mixture_files import Mixture
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Step
 from volsplat.protocol.rules.packet_layout import BIN_BITS, NO_DATA_BIN, NO_DATA_BIT, STRENGTH_BINS, strength_bin
 from volsplat.protocol.rules.shading_rule import ShadingRule, shading_rule
@@ -38,13 +37,16 @@ def as_packets(packets: Tensor) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint
     return packets.numpy().astype(np.uint32)
 
 
-def made(finer: Tensor, coarser: Tensor) -> Mixture:
-    return Mixture.of_voxels(as_packets(finer), as_packets(coarser))
+def made(finer: Tensor, coarser: Tensor) -> MixtureEntries:
+    return mixture_of(as_packets(finer).data, as_packets(coarser).data)
 
 
-def rows_of(mixture: Mixture) -> Tensor:
-    keys = torch.from_numpy(mixture.keys.astype(np.int64))
-    counts = torch.from_numpy(mixture.counts.astype(np.int64))
+def level_mixture(finer: LevelMixture | None, entries: MixtureEntries) -> LevelMixture:
+    return LevelMixture(finer, np.asarray(entries.keys), np.asarray(entries.counts))
+
+
+def rows_of(mixture: MixtureEntries) -> Tensor:
+    keys, counts = (torch.from_numpy(np.asarray(each).astype(np.int64)) for each in (mixture.keys, mixture.counts))
     return torch.stack((keys >> BIN_BITS, keys & (1 << BIN_BITS) - 1, counts), dim=1)
 
 
@@ -61,15 +63,50 @@ def test_voxels_are_counted_as_by_the_reference(dims: tuple[int, ...], seed: int
     assert torch.equal(rows_of(made(finer, coarser)), level_mixtures.mixture(finer, coarser))
 
 
+def no_entries() -> MixtureEntries:
+    return MixtureEntries(np.empty(0, np.uint32).data, np.empty(0, np.uint64).data, 0)
+
+
 @given(seed=st.integers(0, 1000), at=st.sampled_from([2, 4, 6]), axis=st.integers(0, 2))
 def test_parts_that_are_counted_apart_add_up(seed: int, at: int, axis: int) -> None:
     finer, coarser = drawn_packets((8, 7, 9), seed, 3), drawn_packets((4, 4, 5), seed + 1, 3)
-    total = _kernels.MixtureCounts()
+    total = no_entries()
     for begin, end in ((0, at), (at, finer.shape[axis])):
         part = finer.narrow(axis, begin, end - begin)
         means = coarser.narrow(axis, begin // 2, (end + 1) // 2 - begin // 2)
-        total.add(*(array.data for array in made(part, means)))
-    assert torch.equal(rows_of(Mixture.of_counts(total)), rows_of(made(finer, coarser)))
+        total.add(made(part, means))
+    assert torch.equal(rows_of(total), rows_of(made(finer, coarser)))
+
+
+def noise(seed: int, coarse: range, count: int) -> MixtureEntries:
+    """One voxel for each of so many keys, of these bins of the coarser level."""
+    random = np.random.default_rng(seed)
+    bins = random.integers(coarse.start, coarse.stop, count), random.integers(0, NO_DATA_BIN + 1, count)
+    keys = np.unique(bins[0] << BIN_BITS | bins[1]).astype(np.uint32)
+    return MixtureEntries(keys.data, np.ones(len(keys), np.uint64).data, 0)
+
+
+def test_of_noise_as_much_is_left_open_as_memory_asks_whatever_is_added_first() -> None:
+    parts = [noise(seed, range(300 * seed, 300 * seed + 400), 600_000) for seed in range(4)]
+    one_way, other_way = no_entries(), no_entries()
+    for part, part_from_the_end in zip(parts, reversed(parts), strict=True):
+        one_way.add(part)
+        other_way.add(part_from_the_end)
+    assert one_way.left_open == other_way.left_open > 0
+    rows = rows_of(one_way)
+    assert torch.equal(rows, rows_of(other_way)) and len(rows) <= 1 << 20
+    assert int(rows[:, 2].sum()) == sum(int(rows_of(part)[:, 2].sum()) for part in parts)
+    finer = rows[:, 1][rows[:, 1] != NO_DATA_BIN]
+    half = 1 << one_way.left_open - 1
+    assert bool((finer % (2 * half) == half).all()) and bool((rows[:, 1] == NO_DATA_BIN).any())
+
+
+def test_noise_that_is_counted_apart_adds_up_to_what_is_counted_at_once() -> None:
+    finer, coarser = drawn_packets((128, 128, 128), 1), drawn_packets((64, 64, 64), 2)
+    whole = made(finer, coarser)
+    total = made(finer[:32], coarser[:16])
+    total.add(made(finer[32:], coarser[16:]))
+    assert whole.left_open == total.left_open > 0 and torch.equal(rows_of(whole), rows_of(total))
 
 
 @given(seed=st.integers(0, 1000), channels=st.integers(1, 3))
@@ -79,7 +116,7 @@ def test_tables_are_the_means_of_the_reference(seed: int, channels: int) -> None
     pairs = list(zip(levels, levels[1:], strict=False))
     mixture = None
     for finer, coarser in pairs:
-        mixture = LevelMixture(mixture, *made(finer, coarser))
+        mixture = level_mixture(mixture, made(finer, coarser))
     assert mixture is not None
     expected = level_mixtures.level_table(table, [level_mixtures.mixture(*pair) for pair in pairs])
     got = torch.from_numpy(mixture.means(table.numpy()))
@@ -106,7 +143,7 @@ def test_what_is_no_mixture_is_refused(keys: list[int], counts: list[int]) -> No
 def half_and_half() -> LevelMixture:
     """Voxels of density 100 that stand for as many of 50 as of 150, none of which has a gradient."""
     finer = torch.tensor([50, 150] * 4).reshape(2, 2, 2)
-    return LevelMixture(None, *made(finer, torch.tensor([[[100]]])))
+    return level_mixture(None, made(finer, torch.tensor([[[100]]])))
 
 
 def black_and_white() -> Scene:

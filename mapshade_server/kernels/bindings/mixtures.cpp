@@ -44,42 +44,39 @@ void check_rows(const Table& table, std::size_t rows) {
     if (table.shape(0) != rows) throw std::invalid_argument("a table of a mixture has a row for each of its entries");
 }
 
-nb::tuple python_entries(const MixtureCounts& mixture) {
-    std::vector<std::uint32_t> keys;
-    std::vector<std::uint64_t> counts;
-    {
-        nb::gil_scoped_release unlocked;
-        for (const MixtureEntry& entry : mixture.by_key()) {
-            keys.push_back(entry.key);
-            counts.push_back(entry.count);
-        }
-    }
-    const std::size_t size = keys.size();
-    return nb::make_tuple(owned_array(std::move(keys), size), owned_array(std::move(counts), size));
+MixtureEntries entries_of(const Keys& keys, const Counts& counts, int left_open) {
+    check_entries(keys, counts);
+    if (left_open < 0 || left_open > 8) throw std::invalid_argument("a mixture leaves 0 to 8 bits of densities open");
+    return {{keys.data(), keys.data() + keys.shape(0)}, {counts.data(), counts.data() + counts.shape(0)}, left_open};
+}
+
+template <class Number>
+nb::object copied(const std::vector<Number>& numbers) {
+    return owned_array(std::vector<Number>(numbers), numbers.size());
 }
 
 }  // namespace
 
 void bind_mixtures(nb::module_& m) {
-    nb::class_<MixtureCounts>(m, "MixtureCounts")
-        .def(nb::init<>())
+    nb::class_<MixtureEntries>(m, "MixtureEntries")
         .def(
-            "add_voxels",
-            [](MixtureCounts& mixture, const Packets& finer, const Packets& coarser) {
-                const PacketView voxels = view_of(finer), means = view_of(coarser);
-                nb::gil_scoped_release unlocked;
-                mixture.add_voxels(voxels, means);
+            "__init__",
+            [](MixtureEntries* self, const Keys& keys, const Counts& counts, int left_open) {
+                new (self) MixtureEntries(entries_of(keys, counts, left_open));
             },
-            "finer"_a, "coarser"_a)
-        .def(
-            "add",
-            [](MixtureCounts& mixture, const Keys& keys, const Counts& counts) {
-                check_entries(keys, counts);
-                nb::gil_scoped_release unlocked;
-                for (std::size_t n = 0; n < keys.shape(0); ++n) mixture.add(keys.data()[n], counts.data()[n]);
-            },
-            "keys"_a, "counts"_a)
-        .def("entries", &python_entries);
+            "keys"_a, "counts"_a, "left_open"_a)
+        .def("add", &MixtureEntries::add, "other"_a, nb::call_guard<nb::gil_scoped_release>())
+        .def_prop_ro("keys", [](const MixtureEntries& mixture) { return copied(mixture.keys); })
+        .def_prop_ro("counts", [](const MixtureEntries& mixture) { return copied(mixture.counts); })
+        .def_ro("left_open", &MixtureEntries::left_open);
+    m.def(
+        "mixture_of",
+        [](const Packets& finer, const Packets& coarser) {
+            const PacketView voxels = view_of(finer), means = view_of(coarser);
+            nb::gil_scoped_release unlocked;
+            return mixture_of(voxels, means);
+        },
+        "finer"_a, "coarser"_a);
     m.def("check_mixture", &check_entries, "keys"_a, "counts"_a);
     m.def(
         "binned",
