@@ -47,11 +47,13 @@ public:
         if (2 * used_ > slots_.size()) grow();
     }
 
-    MixtureEntries entries() const {
+    // Nothing may be added afterwards.
+    MixtureEntries entries() {
         std::vector<std::uint64_t> found;  // in one number each, as they sort sooner so
         found.reserve(used_);
         for (const Slot& slot : slots_)
             if (slot.count) found.push_back(std::uint64_t(slot.key) << 32 | slot.count);
+        slots_ = {};
         std::sort(found.begin(), found.end());
         MixtureEntries sorted;
         sorted.left_open = left_open_;

@@ -36,9 +36,6 @@ private:
     void leave_open(int bits);
 };
 
-// So many entries are kept, that memory is bounded: noise has as many as it has voxels.
-constexpr std::size_t kMostMixtureEntries = 1 << 20;
-
 // Of 2x2x2 finer voxels to each coarser one, fewer at an odd end. Throws std::invalid_argument for other sizes.
 MixtureEntries mixture_of(const PacketView& finer, const PacketView& coarser);
 

@@ -9,7 +9,7 @@ from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
-from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
+from volsplat.protocol.rules.packet_layout import MOST_MIXTURE_ENTRIES, VOXEL_PACKET_BYTES
 from volsplat.protocol.text.errors import BadInput
 
 MIB = 1 << 20
@@ -18,6 +18,7 @@ MIB = 1 << 20
 # copies while it compresses one.
 PROGRAM_BYTES = 150 * MIB
 SHARDS_IN_WRITING = 3
+MIXTURE_BYTES = 24  # of each entry while it is counted
 
 
 class Layout(msgspec.Struct, frozen=True):
@@ -101,12 +102,14 @@ def memory_plan(
 
     With `whole_rows`, of a file of which only those can be read, a single block that has them is better than two.
     If whole rows fit, one for each processor. Held of each voxel of a block: its scalars, of so many bytes each,
-    its packet, and an eighth of each scalar for the next level. Raises BadInput for too little memory.
+    its packet, and an eighth of each scalar for the next level; of each of its shards the mixture, which has at most
+    as many entries as voxels. Raises BadInput for too little memory.
     """
     si, sj, sk = layout.shard_size(dims)
     voxels = si * sj * sk
     mean_bytes = len(item_bytes)  # of at most 8 each for every 8 voxels
-    block_bytes = voxels * (sum(item_bytes) + VOXEL_PACKET_BYTES + mean_bytes)
+    mixture_bytes = min(voxels, MOST_MIXTURE_ENTRIES) * MIXTURE_BYTES
+    block_bytes = voxels * (sum(item_bytes) + VOXEL_PACKET_BYTES + mean_bytes) + mixture_bytes
     fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * VOXEL_PACKET_BYTES
     room = (memory - fixed) // block_bytes  # in shards
     if room < 1:

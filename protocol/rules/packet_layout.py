@@ -60,6 +60,8 @@ EXACT_STRENGTHS = 4
 STRENGTH_BINS = 28
 NO_DATA_BIN = 256 * STRENGTH_BINS
 BIN_BITS = 13
+# So many entries are kept of a mixture, that memory is bounded: noise has as many as it has voxels.
+MOST_MIXTURE_ENTRIES = 1 << 20
 
 
 def strength_bin(strength: int) -> int:

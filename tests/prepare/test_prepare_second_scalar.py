@@ -133,7 +133,7 @@ def test_the_strongest_of_noise_is_that_of_the_reference(dims: Index, scalar_typ
 
 
 def test_memory_changes_no_byte(volume: str, place: Path, tmp_path: Path) -> None:
-    for name, memory in (("some", PROGRAM_BYTES + MIB // 4), ("little", LITTLE.memory)):
+    for name, memory in (("some", PROGRAM_BYTES + MIB // 2), ("little", LITTLE.memory)):
         prepare_small(Path(volume), tmp_path / name, Options(layout=SMALL, memory=memory))
         assert tree(tmp_path / name) == tree(place)
 

@@ -13,14 +13,14 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.held.packet_store import Packets, PacketStore, open_store
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare import Options, Prepared, prepare
-from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout
+from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.index_rules import Quantisation
 
 SMALL = Layout(brick=8, shard=16)
-LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + MIB // 8)  # a shard at a time
+LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + 232 * 1024)  # a shard at a time
 SKEWED: Matrix = ((0.9, 0.2, 0.1), (-0.1, 1.2, -0.4), (0.05, 0.3, -1.8))
 ODD_DIMS = (37, 21, 50)
 
