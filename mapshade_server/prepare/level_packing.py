@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server._kernels import MixtureEntries, mixture_of
 from volsplat.mapshade_server.held.packet_store import BRICK_FIELDS, Packets
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
@@ -16,7 +15,7 @@ from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
 from volsplat.mapshade_server.prepare.layout import Layout, halved_box
 from volsplat.mapshade_server.prepare.level_source import LevelSource
-from volsplat.mapshade_server.prepare.mixture_files import MixtureFiles
+from volsplat.mapshade_server.prepare.mixture_files import Mixture, MixtureFiles
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -30,7 +29,7 @@ class Besides:
 
     box: Box
     means: BlockScalars | None  # for the next level, if there is one
-    mixtures: list[MixtureEntries]  # of each shard, likewise
+    mixtures: list[Mixture]  # of each shard, likewise
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 
 
@@ -92,10 +91,10 @@ class LevelPacker:
             return packets
         return with_gradients(packets, means.gradients, self.quantisation.has_strength)
 
-    def _mixtures(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[MixtureEntries]:
+    def _mixtures(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[Mixture]:
         for shard in self.layout.shards(self.geometry.dims, box):
             there = halved_box(shard).slices(halved_box(box).low)
-            yield mixture_of(packets[shard.slices(box.low)].data, coarser[there].data)
+            yield Mixture.of_voxels(packets[shard.slices(box.low)], coarser[there])
 
     def stored(self, packed: PackedBlock, writer: StoreWriter) -> StoredBlock:
         """Once its shards are on the disk."""

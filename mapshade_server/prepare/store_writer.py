@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server._kernels import MixtureEntries
 from volsplat.mapshade_server.held.packet_store import (
     BLOCKS,
     BRICK_FIELDS,
@@ -22,6 +21,7 @@ from volsplat.mapshade_server.held.packet_store import (
     StoreAttributes,
 )
 from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.prepare.mixture_files import Mixture
 from volsplat.mapshade_server.prepare.survey import Surveyed
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.protocol.description.block_extremes import block_dims
@@ -77,12 +77,11 @@ class StoreWriter:
         name = f"{BRICKS}/{self._attributes.levels[level].path}"
         _write_whole(self._group, name, extents, (*AXES, "extent"))
 
-    def write_mixture(self, level: int, mixture: MixtureEntries) -> None:
+    def write_mixture(self, level: int, mixture: Mixture) -> None:
         """Stores what the voxels of a level stand for."""
-        keys, counts = (np.asarray(each).astype(np.uint64) for each in (mixture.keys, mixture.counts))
-        steps = np.diff(keys, prepend=np.uint64(0))
+        steps = np.diff(mixture.keys.astype(np.uint64), prepend=np.uint64(0))
         name = f"{MIXTURES}/{self._attributes.levels[level].path}"
-        _write_whole(self._group, name, np.stack((steps, counts)), ("entry", "number"))
+        _write_whole(self._group, name, np.stack((steps, mixture.counts)), ("entry", "number"))
 
     def finish(self) -> None:
         """Marks the store as complete, once all of it is on the disk."""
