@@ -1,17 +1,14 @@
 """A trace of a frame: rows of every process, spans that nest, moments that agree within what clocks are off."""
 
-import json
 import os
-import re
 import time
-from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 
 from support.files.head_volume import head, scene, single, skin
+from support.files.trace_file import Event, Trace
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.trace.frame_tracer import FrameTracer
@@ -25,39 +22,7 @@ from volsplat.protocol.wire.addresses import Address
 
 __all__ = ["head", "scene", "single"]
 
-Event = dict[str, Any]
 NO_UNIX_SOCKET = Address("127.0.0.2", 0)  # stands beside that
-
-
-class Trace:
-    """A trace file, by process and row."""
-
-    def __init__(self, path: Path) -> None:
-        events = json.loads(path.read_bytes())
-        told = [event for event in events if event["ph"] == "M"]
-        self.names = {event["pid"]: event["args"]["name"] for event in told if event["name"] == "process_name"}
-        row_names = {
-            (event["pid"], event["tid"]): event["args"]["name"] for event in told if event["name"] == "thread_name"
-        }
-        self.rows: defaultdict[tuple[str, str], list[Event]] = defaultdict(list)
-        for event in events:
-            if event["ph"] == "X":
-                self.rows[self.names[event["pid"]], row_names[event["pid"], event["tid"]]].append(event)
-
-    def of(self, process: str, row: str, frame: int) -> list[Event]:
-        """The spans of a process's rows that begin so."""
-        return [
-            span
-            for (named, at), spans in self.rows.items()
-            for span in spans
-            if named.startswith(process) and at.startswith(row) and span["args"]["frame"] == frame
-        ]
-
-    def error(self, process: str) -> float:
-        """What a process's clock may be off, in microseconds."""
-        (stated,) = (re.search(r"clock ± (\d+) µs", name) for name in self.names.values() if name.startswith(process))
-        assert stated is not None
-        return float(stated[1])
 
 
 def nest(spans: list[Event]) -> bool:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from session.test_trace import Trace
 
 from support.files.head_volume import head, skin
+from support.files.trace_file import Trace
 from volsplat.bench.hosts.cluster import cluster_of_hosts
 from volsplat.bench.hosts.namespaces import why_no_lab
 from volsplat.client.session.published_image import PublishedImage
