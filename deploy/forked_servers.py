@@ -24,7 +24,7 @@ class ForkedServer:
     """One server. What it offers is what subprocess.Popen does."""
 
     def __init__(self, forks: "ForkedServers") -> None:
-        self._forks = forks
+        self.forks = forks
         self._known, self._ended = threading.Event(), threading.Event()
         self._pid = 0
         self.returncode: int | None = None
@@ -50,9 +50,9 @@ class ForkedServer:
 
     def _end(self, number: int) -> None:
         if not self._known.is_set():  # the fork server is still loading
-            self._forks.end()
+            self.forks.end()
         elif self.returncode is None:
-            self._forks.send(self._pid, number)
+            self.forks.send(self._pid, number)
 
     def has_started(self, process: int) -> None:
         self._pid = process

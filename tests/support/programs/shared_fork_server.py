@@ -11,16 +11,6 @@ from volsplat.deploy.forked_servers import ForkedServer, ForkedServers
 from volsplat.deploy.server_command import Program
 
 
-class _Lasting(ForkedServers):
-    """Who ends one server of a session before it is there must not end those of others."""
-
-    def end(self) -> None:
-        pass
-
-    def end_at_last(self) -> None:
-        super().end()
-
-
 class _OfASession(ForkedServers):
     """What a session sees of it: ending it ends the session's servers."""
 
@@ -34,10 +24,15 @@ class _OfASession(ForkedServers):
 
     def start(self, program: Program, arguments: Sequence[str], environment: Mapping[str, str]) -> ForkedServer:
         server = self._shared.start(program, arguments, environment)
+        server.forks = self  # who ends it before it is there ends those of this session
         self._started.append(server)
         return server
 
+    def send(self, process: int, number: int) -> None:
+        self._shared.send(process, number)
+
     def end(self) -> None:
+        """Waits for those that are not there yet."""
         for server in self._started:
             if server.returncode is None and server.pid:
                 server.kill()
@@ -45,17 +40,17 @@ class _OfASession(ForkedServers):
 
 class _Lender:
     def __init__(self) -> None:
-        self._shared: _Lasting | None = None
+        self._shared: ForkedServers | None = None
 
     def lend(self) -> ForkedServers:
         if self._shared is None or self._shared.gone:
             self.end()
-            self._shared = _Lasting()
+            self._shared = ForkedServers()
         return _OfASession(self._shared)
 
     def end(self) -> None:
         if self._shared is not None:
-            self._shared.end_at_last()
+            self._shared.end()
 
 
 @contextmanager

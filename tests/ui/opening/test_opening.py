@@ -233,11 +233,12 @@ def test_one_is_opened_at_a_time_and_none_while_a_movie_is_made(opened: Opened) 
 
 def test_what_is_given_up_leaves_no_servers_and_what_was_shown_stays(opened: Opened) -> None:
     async def work() -> None:
-        for moments in (0, 3):
+        for at_once in (True, False):
+            sessions = len(opened.sessions)
             task = asyncio.create_task(opened.opening.open(PROTEIN, keep_tables=False))
-            for _ in range(moments):
-                await asyncio.sleep(0.05)
             await asyncio.sleep(0)
+            while not (at_once or task.done()) and len(opened.sessions) == sessions:  # its servers are started
+                await asyncio.sleep(0.001)
             opened.opening.cancel()
             with pytest.raises(BadInput, match="it was given up"):
                 await task
