@@ -1,4 +1,4 @@
-"""A volume with its servers: carries out what the coordinator decides, and gives images to Python.
+"""A volume with its servers, as Python sees it.
 
     from volsplat.client import Session
 
@@ -13,18 +13,13 @@ from __future__ import annotations
 
 import atexit
 import logging
-import queue
 import threading
-import time
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
-
-import msgspec
 
 from volsplat.client.caller.arguments import (
     checked_address,
@@ -39,46 +34,27 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import (
-    AbortAsked,
-    Answer,
-    CutOff,
-    EndFrame,
-    Event,
-    FailSession,
     FolderAsked,
     Found,
-    FrameAsked,
-    Instruction,
-    PartialImageAsked,
     PlaneAsked,
     ProbeAsked,
-    PublishImage,
-    PublishVolume,
     Question,
-    ReportProgress,
-    Send,
     SliceAsked,
     VolumeAsked,
     VoxelAsked,
 )
-from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
+from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
-from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameGivenUp, next_image
+from volsplat.client.session.asked_images import AskedImages
 from volsplat.client.session.cluster_servers import ClusterServers
-from volsplat.client.session.frame_counts import count_outcome
-from volsplat.client.session.late_answers import LateAnswers
-from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.session.coordination import Coordination
 from volsplat.client.session.renderer import (
     ALL_STEPS,
     FILE_SECONDS,
     PARTIAL_INTERVAL,
-    PartialPace,
     Refinement,
-    StepOutcome,
-    refined,
 )
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.slices.volume_slice import VolumeSlice
@@ -87,7 +63,6 @@ from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
-from volsplat.program.room_for_image import check_room_for_image
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
@@ -170,35 +145,26 @@ class Session:
             memory = memory or of.memory_bytes
             encryption = of.encryption
         self._tracer = None if trace is None else FrameTracer(Path(trace))
-        self._on_progress = on_progress
-        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
-        self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
-        self._frames = AskedFrames()
-        self._answers = LateAnswers()
-        self._volume: SurveyedVolume | None = None
-        self._failure: VolsplatError | None = None
+        self._coordination = Coordination(self._tracer, on_progress)
         self.counts = Counts()  # what was done, and lost
-        self._planned = 0  # the newest frame of which the trace has the plan
-        self._volume_known = threading.Event()  # set when _volume or _failure is
         self._has_volume = name is not None
         self._closed = False
-        self._another = False  # whether one more begins at the same address once this one is closed
         self._closing = threading.Lock()  # guards _closed, until nothing is left
 
         with self._cluster.beginning() if self._cluster is not None else nullcontext():
             self._links = ServerLinks(
                 listen,
                 token or new_token(),
-                self._events.put,
-                newest_frame=lambda: self._frames.newest,
+                self._coordination.tell,
+                newest_frame=lambda: self._coordination.frames.newest,
                 silence=silence,
                 encryption=encryption,
                 replaces=self._cluster is not None,
                 tracer=self._tracer,
                 counts=self.counts,
             )
-        self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
-        self._coordinator_thread.start()
+        self._coordination.begin(self._links)
+        self._images = AskedImages(self._coordination, self._links.session, self.counts, self._tracer)
         atexit.register(self.close)  # a script may forget to
         self._spawns = spawn
         try:
@@ -207,7 +173,8 @@ class Session:
             if spawn:
                 self._links.start(workers, splat_servers, threads, None if data_root is None else str(data_root))
             if name is not None:
-                self._events.put(VolumeAsked(self._as_servers_see(name), workers, splat_servers, memory, held))
+                asked = VolumeAsked(self._as_servers_see(name), workers, splat_servers, memory, held)
+                self._coordination.tell(asked)
         except BaseException:
             self.close()
             raise
@@ -232,21 +199,18 @@ class Session:
     @property
     def servers(self) -> list[ServerState]:
         """Every server that has joined, as it stands, those that were lost included."""
-        return list(self._coordinator.server_states.values())
+        return self._coordination.servers
 
     @property
     def failure(self) -> VolsplatError | None:
         """What ended the session, None as long as it goes on."""
-        return self._failure
+        return self._coordination.failure
 
     @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until every server has read its sub-cube."""
         self._check_has_volume()
-        self._volume_known.wait()
-        if self._volume is None:
-            raise self._failure or PeerLost("the session is closed")
-        return self._volume
+        return self._coordination.volume
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data."""
@@ -262,15 +226,8 @@ class Session:
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
-        scene, step = checked_scene(scene), checked_step(step)
-        frame: int | None = None
-        while True:
-            frame, answers = self._ask(scene, step, require_complete=True, after=frame)
-            try:
-                *_, finished = self._drawn(frame, answers, step, partial_interval=None)
-                return finished
-            except ImageIncomplete:  # others take over, and can draw all of it
-                continue
+        self._check_has_volume()
+        return self._images.finish(checked_scene(scene), checked_step(step))
 
     def refine(
         self,
@@ -297,71 +254,8 @@ class Session:
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
-        return self._refined(scene, first, last, interval, exact, octaves)
-
-    def _refined(
-        self, scene: Scene, first: Step, last: Step, partial_interval: float, exact: Collection[Step], octaves: int
-    ) -> Iterator[Refinement]:
-        asked: list[int] = []  # the newest frame of this refinement
-
-        def drawn(step: Step) -> Iterator[Refinement]:
-            healing = False  # what is left has been seen, and others read the rest: wait for the whole
-            while True:
-                after = asked[-1] if asked else None
-                frame, answers = self._ask(scene, step, healing, after, step in exact, octaves)
-                asked.append(frame)
-                healing = False
-                try:
-                    for refinement in self._drawn(frame, answers, step, partial_interval):
-                        healing = refinement.outcome is not None and refinement.outcome.servers.healing
-                        yield refinement
-                    if not healing:
-                        return
-                except (ImageIncomplete, VolumeIncomplete):  # lost while it was drawn: once more, with what is left
-                    continue
-
-        try:
-            yield from refined(drawn, scene, first, last)
-        except FrameGivenUp:
-            return
-
-    def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
-        """Partial images of the bare buffer, then the finished one."""
-        started = time.perf_counter()
-        pace = PartialPace(step, partial_interval)
-        patience = pace.patience
-        try:
-            while (answer := next_image(answers, patience)) is None or answer.outcome is None:
-                if answer is None:
-                    self._events.put(PartialImageAsked(frame))
-                    patience = None  # one request at a time: its image or the finished one will come
-                else:
-                    published = _published(answer)
-                    if pace.shows(published, answer.missing):
-                        yield Refinement(step, published, None, answer.missing)
-                    patience = pace.patience
-        finally:
-            # Also if the caller stopped asking for more images: then nobody need draw on.
-            self._frames.forget(frame)
-            self._events.put(AbortAsked(frame))
-        image = _published(answer)
-        now = time.perf_counter()
-        read = [part.read for part in answer.parts]
-        outcome = StepOutcome(
-            step,
-            now - started,
-            now - answer.drawn_at,
-            answer.outcome,
-            sum(image.payload_bytes() for image in read),
-            max((image.coding_seconds for image in read), default=0.0),
-            {part.server: part.read for part in answer.parts},
-        )
-        count_outcome(self.counts, outcome)
-        self._log("frame_finished", f"frame {frame} is here after {now - started:.3f} s", frame)
-        if self._tracer is not None:
-            self._tracer.note(frame, "caller", f"frame {frame}, step {step}", started, now)
-            self._tracer.finish(frame)
-        yield Refinement(step, image, outcome)
+        self._check_has_volume()
+        return self._images.refine(scene, first, last, interval, exact, octaves)
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.
@@ -433,19 +327,14 @@ class Session:
         seen = self._as_servers_see(checked_volume(root))
         if self._has_volume:
             self.volume  # noqa: B018  until it is known there may be no server
-        found = self._asked(lambda number: FolderAsked(number, seen, folder, words)).result()
+        found = self._coordination.ask(lambda number: FolderAsked(number, seen, folder, words)).result()
         assert isinstance(found, messages.FolderListed), "it is listed, or an error says why not"
         return found
 
     def _ask_about(self, question: Callable[[int], Question]) -> Future[Found]:
         """Where the answer will be to a question, given its number."""
         self.volume  # noqa: B018  until it is known there is nothing to be told
-        return self._asked(question)
-
-    def _asked(self, question: Callable[[int], Question]) -> Future[Found]:
-        number, answer = self._answers.ask()
-        self._events.put(question(number))
-        return answer
+        return self._coordination.ask(question)
 
     def widget(self, scene: Scene | None = None) -> VolumeWidget:
         """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
@@ -456,7 +345,7 @@ class Session:
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameGivenUp once every server has acknowledged."""
-        self._events.put(AbortAsked(self._frames.supersede()))
+        self._coordination.abort()
 
     def close(self, another: bool = False) -> None:
         """End the session and every server that it started, within two seconds. Safe to call twice.
@@ -466,8 +355,8 @@ class Session:
         """
         with interrupts_held(on_signal=lambda: None), self._closing:
             if not self._closed:
-                self._closed, self._another = True, another
-                self._close()
+                self._closed = True
+                self._close(another)
 
     def _check_has_volume(self) -> None:
         if not self._has_volume:
@@ -479,17 +368,16 @@ class Session:
             return self._cluster.volume(name)
         return absolute_name(name) if self._spawns else name
 
-    def _close(self) -> None:
+    def _close(self, another: bool) -> None:
         atexit.unregister(self.close)
         if self._cluster is not None:
             self._cluster.close()
         self._links.take_no_more()  # resident servers look for the next client at once
-        self._events.put(None)
-        self._coordinator_thread.join()
+        self._coordination.end(another)
         self._links.close()
         if self._cluster is not None:
             self._cluster.release()
-        self._fail(PeerLost("the session is closed"))
+        self._coordination.fail(PeerLost("the session is closed"))
         if self._tracer is not None:
             self._tracer.close()
 
@@ -500,75 +388,3 @@ class Session:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    # -- frames
-
-    def _ask(
-        self,
-        scene: Scene,
-        step: Step,
-        require_complete: bool,
-        after: int | None = None,
-        exact: bool = True,
-        octaves: int = 0,
-    ) -> tuple[int, Answers]:
-        """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
-        self._check_has_volume()
-        check_room_for_image(scene.image.width, scene.image.height)
-        frame, answers = self._frames.ask(after)
-        self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
-        self._events.put(FrameAsked(frame, scene, step, require_complete, exact, octaves))
-        return frame, answers
-
-    def _log(self, event: str, line: str, frame: int) -> None:
-        log.info("%s", line, extra={"event": event, "session": self._links.session, "frame": frame})
-
-    def _coordinate(self) -> None:
-        try:
-            while (event := self._events.get()) is not None:
-                began = time.perf_counter()
-                for instruction in self._coordinator.handle(event):
-                    self._carry_out(self._traced(instruction, began))
-        except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
-            log.exception("the session cannot go on")
-            self._fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
-        self._links.send_to_all(messages.EndSession(another=self._another))
-
-    def _traced(self, instruction: Instruction, began: float) -> Instruction:
-        """As it is, or with the wish that it be traced, where it begins a frame that was planned since a moment."""
-        if self._tracer is None or not isinstance(instruction, Send):
-            return instruction
-        if isinstance(request := instruction.message, messages.RenderFrame):
-            if request.frame != self._planned:
-                self._planned = request.frame
-                self._tracer.note(request.frame, "coordinator", "plan", began, time.perf_counter())
-            return replace(instruction, message=msgspec.structs.replace(request, traced=True))
-        return instruction
-
-    def _carry_out(self, instruction: Instruction) -> None:
-        match instruction:
-            case Send(server, message, payload):
-                self._links.send(server, message, payload)
-            case CutOff(server, cause):
-                self._links.cut_off(server, cause)
-            case ReportProgress(text):
-                self._on_progress(text)
-            case PublishVolume(volume):
-                self._volume = volume
-                self._volume_known.set()
-            case PublishImage() | EndFrame():
-                self._frames.give(instruction)
-            case Answer():
-                self._answers.give(instruction)
-            case FailSession(error):
-                self._fail(error)
-
-    def _fail(self, error: VolsplatError) -> None:
-        self._failure = self._failure or error
-        self._frames.fail(error)
-        self._answers.fail(error)
-        self._volume_known.set()
-
-
-def _published(image: PublishImage) -> PublishedImage:
-    return PublishedImage.of_parts(image.parts, image.width, image.height)

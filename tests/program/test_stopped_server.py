@@ -34,21 +34,21 @@ STOPS_WHO_GETS_A_PART = """
 import os, re, signal, sys
 from volsplat.client.command.cli import main
 from volsplat.client.coordinator.coordinator_events import Send
-from volsplat.client.session.session import Session
+from volsplat.client.session.coordination import Coordination
 from volsplat.protocol.messages.messages import HoldPart
 
-carry_out = Session._carry_out
+carry_out = Coordination._carry_out
 
-def stop_and_carry_out(session, instruction):
+def stop_and_carry_out(coordination, instruction, links):
     if isinstance(instruction, Send) and isinstance(instruction.message, HoldPart):
-        peer = session._links._connections[instruction.server].peer
+        peer = links._connections[instruction.server].peer
         os.kill(int(re.search(r"process (\\d+)", peer.name)[1]), signal.SIGSTOP)
         print("stopped", peer.name, flush=True)
-    carry_out(session, instruction)
+    carry_out(coordination, instruction, links)
     if isinstance(instruction, Send) and isinstance(instruction.message, HoldPart):
         print("carried out", flush=True)
 
-Session._carry_out = stop_and_carry_out
+Coordination._carry_out = stop_and_carry_out
 main()
 """
 

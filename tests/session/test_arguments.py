@@ -169,19 +169,19 @@ def test_what_cannot_be_encoded_ends_its_frame_and_no_server(head: Path, single:
     with Session(head, workers=2) as session:
         scene = skin(session)
         image = session.render(scene)
-        carry_out = session._carry_out
+        carry_out = session._coordination._carry_out
 
-        def broken(instruction: Any) -> None:
+        def broken(instruction: Any, links: Any) -> None:
             if isinstance(instruction, Send) and isinstance(instruction.message, messages.RenderFrame):
                 plan = replaced(instruction.message.plan, order=other(object()))
                 message = replaced(instruction.message, plan=plan)
                 instruction = replaced_instruction(instruction, message)
-            carry_out(instruction)
+            carry_out(instruction, links)
 
-        session._carry_out = broken  # type: ignore[method-assign]
+        session._coordination._carry_out = broken  # type: ignore[method-assign]
         with pytest.raises(VolsplatError, match="RenderFrame cannot be sent"):
             session.render(scene)
-        session._carry_out = carry_out  # type: ignore[method-assign]
+        session._coordination._carry_out = carry_out  # type: ignore[method-assign]
         assert torch.equal(session.render(scene), image)
         assert not any(server.lost for server in session.servers)
 

@@ -67,7 +67,7 @@ def test_whoever_is_lost_while_it_is_read_again_the_others_hold_all_of_it(zipped
             if text.endswith("by one server for all") and workers[victim].is_running():
                 workers[victim].kill()
 
-        session._on_progress = die
+        session._coordination._on_progress = die
         other = msgspec.structs.replace(scene, quantise=msgspec.structs.replace(scene.quantise, directions="paper"))
         *_, last = [refinement for refinement in session.refine(other) if refinement.complete]
         assert last.outcome is not None

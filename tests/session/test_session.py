@@ -215,7 +215,8 @@ def test_nobody_waits_for_the_end_of_workers_that_have_gone_on_to_a_newer_frame(
     monkeypatch.setattr(session._links._local, "told_ends", told_ends)
     worker = next(server.id for server in session.servers if server.role is Role.MAPSHADE_SERVER)
     sample = SAMPLES[messages.FrameFinished][0]
-    for frame, times in ((session._frames.newest - 1, 0), (session._frames.newest, 1)):
+    newest = session._coordination.frames.newest
+    for frame, times in ((newest - 1, 0), (newest, 1)):
         finished = msgspec.structs.replace(sample, frame=frame, complete=False, lost=[worker])
         assert isinstance(finished, messages.FrameFinished)
         session._links._report_ends(finished)
@@ -227,7 +228,7 @@ def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Ses
         break
     gc.collect()
     assert session.render(skin(session)).shape == (80, 96, 4)
-    assert session._frames._answers == {}
+    assert session._coordination.frames._answers == {}
 
 
 @pytest.mark.parametrize("thread", ["receive from map/shade", "send to map/shade"])

@@ -1,0 +1,146 @@
+"""Images of frames that servers draw: finished ones, and steps of refinement with the partial images between."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Collection, Generator, Iterator
+
+from volsplat.client.coordinator.coordinator_events import AbortAsked, FrameAsked, PartialImageAsked, PublishImage
+from volsplat.client.coordinator.server_states import ImageIncomplete, VolumeIncomplete
+from volsplat.client.session.asked_frames import Answers, FrameGivenUp, next_image
+from volsplat.client.session.coordination import Coordination
+from volsplat.client.session.frame_counts import count_outcome
+from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.session.renderer import PartialPace, Refinement, StepOutcome, refined
+from volsplat.client.trace.frame_tracer import FrameTracer
+from volsplat.program.counts import Counts
+from volsplat.program.room_for_image import check_room_for_image
+from volsplat.protocol.description.scene import Scene, Step
+
+log = logging.getLogger(__name__)
+
+
+class AskedImages:
+    """Each is asked for by the thread that waits for it; what is asked for later takes the place of what runs."""
+
+    def __init__(
+        self, coordination: Coordination, session: str, counts: Counts, tracer: FrameTracer | None = None
+    ) -> None:
+        """`session` is its name in logs."""
+        self._coordination = coordination
+        self._session = session
+        self._counts = counts
+        self._tracer = tracer
+
+    def finish(self, scene: Scene, step: Step) -> Refinement:
+        """The finished image of one step; drawn anew if a server was lost whose work others take over."""
+        frame: int | None = None
+        while True:
+            frame, answers = self._ask(scene, step, require_complete=True, after=frame)
+            try:
+                *_, finished = self._drawn(frame, answers, step, partial_interval=None)
+                return finished
+            except ImageIncomplete:  # others take over, and can draw all of it
+                continue
+
+    def refine(
+        self, scene: Scene, first: Step, last: Step, partial_interval: float, exact: Collection[Step], octaves: int
+    ) -> Iterator[Refinement]:
+        """As Session.refine."""
+        asked: list[int] = []  # the newest frame of this refinement
+
+        def drawn(step: Step) -> Iterator[Refinement]:
+            healing = False  # what is left has been seen, and others read the rest: wait for the whole
+            while True:
+                after = asked[-1] if asked else None
+                frame, answers = self._ask(scene, step, healing, after, step in exact, octaves)
+                asked.append(frame)
+                healing = False
+                try:
+                    for refinement in self._drawn(frame, answers, step, partial_interval):
+                        healing = refinement.outcome is not None and refinement.outcome.servers.healing
+                        yield refinement
+                    if not healing:
+                        return
+                except (ImageIncomplete, VolumeIncomplete):  # lost while it was drawn: once more, with what is left
+                    continue
+
+        try:
+            yield from refined(drawn, scene, first, last)
+        except FrameGivenUp:
+            return
+
+    def _ask(
+        self,
+        scene: Scene,
+        step: Step,
+        require_complete: bool,
+        after: int | None = None,
+        exact: bool = True,
+        octaves: int = 0,
+    ) -> tuple[int, Answers]:
+        """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
+        check_room_for_image(scene.image.width, scene.image.height)
+        frame, answers = self._coordination.frames.ask(after)
+        self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
+        self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, octaves))
+        return frame, answers
+
+    def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
+        """Partial images of the bare buffer, then the finished one."""
+        started = time.perf_counter()
+        try:
+            finished = yield from self._until_finished(frame, answers, step, partial_interval)
+        finally:
+            # Also if the caller stopped asking for more images: then nobody need draw on.
+            self._coordination.frames.forget(frame)
+            self._coordination.tell(AbortAsked(frame))
+        image = _published(finished)
+        now = time.perf_counter()
+        outcome = _outcome(step, finished, started, now)
+        count_outcome(self._counts, outcome)
+        self._log("frame_finished", f"frame {frame} is here after {now - started:.3f} s", frame)
+        if self._tracer is not None:
+            self._tracer.note(frame, "caller", f"frame {frame}, step {step}", started, now)
+            self._tracer.finish(frame)
+        yield Refinement(step, image, outcome)
+
+    def _until_finished(
+        self, frame: int, answers: Answers, step: Step, partial_interval: float | None
+    ) -> Generator[Refinement, None, PublishImage]:
+        """Partial images that are worth showing; returns the finished one."""
+        pace = PartialPace(step, partial_interval)
+        patience = pace.patience
+        while (answer := next_image(answers, patience)) is None or answer.outcome is None:
+            if answer is None:
+                self._coordination.tell(PartialImageAsked(frame))
+                patience = None  # one request at a time: its image or the finished one will come
+            else:
+                published = _published(answer)
+                if pace.shows(published, answer.missing):
+                    yield Refinement(step, published, None, answer.missing)
+                patience = pace.patience
+        return answer
+
+    def _log(self, event: str, line: str, frame: int) -> None:
+        log.info("%s", line, extra={"event": event, "session": self._session, "frame": frame})
+
+
+def _published(image: PublishImage) -> PublishedImage:
+    return PublishedImage.of_parts(image.parts, image.width, image.height)
+
+
+def _outcome(step: Step, finished: PublishImage, started: float, now: float) -> StepOutcome:
+    """Of an image that was asked for when it `started`, and is here now."""
+    assert finished.outcome is not None, "a finished image has one"
+    read = [part.read for part in finished.parts]
+    return StepOutcome(
+        step,
+        now - started,
+        now - finished.drawn_at,
+        finished.outcome,
+        sum(image.payload_bytes() for image in read),
+        max((image.coding_seconds for image in read), default=0.0),
+        {part.server: part.read for part in finished.parts},
+    )

@@ -1,0 +1,149 @@
+"""The coordinator at work: what is told it, and what it decides, carried out on a thread of its own."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+
+import msgspec
+
+from volsplat.client.coordinator.coordinator import Coordinator
+from volsplat.client.coordinator.coordinator_events import (
+    AbortAsked,
+    Answer,
+    CutOff,
+    EndFrame,
+    Event,
+    FailSession,
+    Found,
+    Instruction,
+    PublishImage,
+    PublishVolume,
+    Question,
+    ReportProgress,
+    Send,
+)
+from volsplat.client.coordinator.server_states import ServerState
+from volsplat.client.session.asked_frames import AskedFrames
+from volsplat.client.session.late_answers import LateAnswers
+from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.trace.frame_tracer import FrameTracer
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.messages.messages import EndSession, RenderFrame
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+
+log = logging.getLogger(__name__)
+
+
+class Coordination:
+    """Any thread may tell events, ask and wait; `on_progress` is called on the coordinator's thread."""
+
+    def __init__(self, tracer: FrameTracer | None, on_progress: Callable[[str], None]) -> None:
+        self.frames = AskedFrames()
+        self._tracer = tracer
+        self._on_progress = on_progress
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._coordinator = Coordinator()  # the thread's; others may look at its server_states
+        self._answers = LateAnswers()
+        self._volume: SurveyedVolume | None = None
+        self._failure: VolsplatError | None = None
+        self._volume_known = threading.Event()  # set when one of these two is
+        self._planned = 0  # the newest frame of which the trace has the plan
+        self._another = False  # whether servers are to look for one more session at the end
+        self._thread: threading.Thread | None = None
+
+    def begin(self, links: ServerLinks) -> None:
+        """Hear what was told and will be, and send to these servers."""
+        self._thread = threading.Thread(target=self._coordinate, args=(links,), name="coordinator", daemon=True)
+        self._thread.start()
+
+    def end(self, another: bool) -> None:
+        """Take leave of the servers; with `another` they look for one more session at the same address."""
+        self._another = another
+        self._events.put(None)
+        if self._thread is not None:
+            self._thread.join()
+
+    def tell(self, event: Event) -> None:
+        """What has happened, or is asked for."""
+        self._events.put(event)
+
+    @property
+    def servers(self) -> list[ServerState]:
+        """Every server that has joined, as it stands, those that were lost included."""
+        return list(self._coordinator.server_states.values())
+
+    @property
+    def failure(self) -> VolsplatError | None:
+        """What ended the session, None as long as it goes on."""
+        return self._failure
+
+    @property
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume; waits until every server has read its sub-cube, or the session has failed."""
+        self._volume_known.wait()
+        if self._volume is None:
+            raise self._failure or PeerLost("the session is closed")
+        return self._volume
+
+    def ask(self, question: Callable[[int], Question]) -> Future[Found]:
+        """Where the answer will be to a question, given its number."""
+        number, answer = self._answers.ask()
+        self.tell(question(number))
+        return answer
+
+    def abort(self) -> None:
+        """Abort what runs; whoever waits for it gets FrameGivenUp once every server has acknowledged."""
+        self.tell(AbortAsked(self.frames.supersede()))
+
+    def fail(self, error: VolsplatError) -> None:
+        """From now on whoever waits, or asks, gets this error, unless the session has failed before."""
+        self._failure = self._failure or error
+        self.frames.fail(error)
+        self._answers.fail(error)
+        self._volume_known.set()
+
+    def _coordinate(self, links: ServerLinks) -> None:
+        try:
+            while (event := self._events.get()) is not None:
+                began = time.perf_counter()
+                for instruction in self._coordinator.handle(event):
+                    self._carry_out(self._traced(instruction, began), links)
+        except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
+            log.exception("the session cannot go on")
+            self.fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
+        links.send_to_all(EndSession(another=self._another))
+
+    def _traced(self, instruction: Instruction, began: float) -> Instruction:
+        """As it is, or with the wish that it be traced, where it begins a frame that was planned since a moment."""
+        if self._tracer is None or not isinstance(instruction, Send):
+            return instruction
+        if isinstance(request := instruction.message, RenderFrame):
+            if request.frame != self._planned:
+                self._planned = request.frame
+                self._tracer.note(request.frame, "coordinator", "plan", began, time.perf_counter())
+            return replace(instruction, message=msgspec.structs.replace(request, traced=True))
+        return instruction
+
+    def _carry_out(self, instruction: Instruction, links: ServerLinks) -> None:
+        match instruction:
+            case Send(server, message, payload):
+                links.send(server, message, payload)
+            case CutOff(server, cause):
+                links.cut_off(server, cause)
+            case ReportProgress(text):
+                self._on_progress(text)
+            case PublishVolume(volume):
+                self._volume = volume
+                self._volume_known.set()
+            case PublishImage() | EndFrame():
+                self.frames.give(instruction)
+            case Answer():
+                self._answers.give(instruction)
+            case FailSession(error):
+                self.fail(error)
