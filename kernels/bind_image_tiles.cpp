@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "image_tiles.h"
+#include "lent_bytes.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -13,9 +14,6 @@ using namespace nb::literals;
 namespace volsplat {
 
 namespace {
-
-using Bytes = nb::ndarray<std::uint8_t, nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Target = nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 template <class Value>
 void bind(nb::module_& m, const char* name) {
@@ -36,32 +34,32 @@ void bind(nb::module_& m, const char* name) {
         .def(nb::init<int, int>(), "width"_a, "height"_a)
         .def(
             "note",
-            [](Images& self, const Bytes& pixels, const Target& changed) {
+            [](Images& self, const LentBytes& pixels, const LentRoom& changed) {
                 if (pixels.nbytes() != self.bytes || changed.nbytes() != self.bit_bytes())
                     throw std::invalid_argument("image and bits must be those of the size");
                 nb::gil_scoped_release release;
-                return self.tiles.note(reinterpret_cast<const float*>(pixels.data()), changed.data());
+                return self.tiles.note(reinterpret_cast<const float*>(bytes_of(pixels)), changed.data());
             },
             "pixels"_a, "changed"_a)
         .def(
             "planes",
-            [](const Images& self, const Bytes& changed, std::size_t count, const Target& target) {
+            [](const Images& self, const LentBytes& changed, std::size_t count, const LentRoom& target) {
                 self.check_planes(changed.nbytes(), count, target.nbytes());
                 nb::gil_scoped_release release;
-                self.tiles.planes(changed.data(), count, target.data());
+                self.tiles.planes(bytes_of(changed), count, target.data());
             },
             "changed"_a, "count"_a, "target"_a)
         .def(
             "take",
-            [](Images& self, const Bytes& changed, std::size_t count, const Bytes& planes) {
+            [](Images& self, const LentBytes& changed, std::size_t count, const LentBytes& planes) {
                 self.check_planes(changed.nbytes(), count, planes.nbytes());
                 nb::gil_scoped_release release;
-                self.tiles.take(changed.data(), count, planes.data());
+                self.tiles.take(bytes_of(changed), count, bytes_of(planes));
             },
             "changed"_a, "count"_a, "planes"_a)
         .def(
             "lay_out",
-            [](const Images& self, const Target& pixels) {
+            [](const Images& self, const LentRoom& pixels) {
                 if (pixels.nbytes() != self.bytes) throw std::invalid_argument("the image must have the size");
                 nb::gil_scoped_release release;
                 self.tiles.lay_out(reinterpret_cast<float*>(pixels.data()));

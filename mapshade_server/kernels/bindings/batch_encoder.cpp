@@ -10,6 +10,7 @@
 #include <tuple>
 #include <vector>
 
+#include "kernels/lent_bytes.h"
 #include "mapshade_server/kernels/batch_encoder.h"
 
 namespace volsplat {
@@ -19,12 +20,9 @@ using namespace nb::literals;
 
 namespace {
 
-using Bytes = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
-
-RawPart part_of(const std::tuple<Bytes, Bytes>& bytes) {
+RawPart part_of(const std::tuple<LentBytes, LentBytes>& bytes) {
     const auto& [runs, packets] = bytes;
-    return {static_cast<const unsigned char*>(runs.data()), runs.nbytes() / sizeof(RowRun),
-            static_cast<const unsigned char*>(packets.data()), packets.nbytes() / kPacketBytes};
+    return {bytes_of(runs), runs.nbytes() / sizeof(RowRun), bytes_of(packets), packets.nbytes() / kPacketBytes};
 }
 
 SampleLattice lattice_of(const std::array<std::int64_t, kLatticeNumbers>& numbers) {
@@ -33,7 +31,7 @@ SampleLattice lattice_of(const std::array<std::int64_t, kLatticeNumbers>& number
     return lattice;
 }
 
-nb::object encode(const nb::object& self, const std::vector<std::tuple<Bytes, Bytes>>& parts) {
+nb::object encode(const nb::object& self, const std::vector<std::tuple<LentBytes, LentBytes>>& parts) {
     auto& encoder = nb::cast<BatchEncoder&>(self);
     std::vector<RawPart> raw;
     for (const auto& part : parts) raw.push_back(part_of(part));

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "kernels/lent_bytes.h"
 #include "walk_arguments.h"
 
 namespace nb = nanobind;
@@ -16,9 +17,6 @@ using namespace nb::literals;
 namespace volsplat {
 
 namespace {
-
-using Bytes = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
-using Target = nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 // A writable view of a batch's bytes that keeps the batch from being reused.
 nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t bytes) {
@@ -47,13 +45,13 @@ nb::tuple next_batch(BatchWalker& walker, std::int64_t max_packets, std::int64_t
 }
 
 // Without the GIL: many walkers of a server do so at once.
-void put_side_by_side(const std::vector<Bytes>& memories, const Target& target) {
+void put_side_by_side(const std::vector<LentBytes>& memories, const LentRoom& target) {
     std::size_t bytes = 0;
-    for (const Bytes& memory : memories) bytes += memory.nbytes();
+    for (const LentBytes& memory : memories) bytes += memory.nbytes();
     if (bytes > target.nbytes()) throw std::invalid_argument("the memory does not hold what is to lie there");
     const nb::gil_scoped_release unlocked;
     std::uint8_t* place = target.data();
-    for (const Bytes& memory : memories) {
+    for (const LentBytes& memory : memories) {
         if (memory.nbytes()) std::memcpy(place, memory.data(), memory.nbytes());
         place += memory.nbytes();
     }

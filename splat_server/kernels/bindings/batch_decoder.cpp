@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "kernels/batch_code.h"
+#include "kernels/lent_bytes.h"
 #include "splat_server/kernels/batch_decoder.h"
 
 namespace volsplat {
@@ -19,10 +20,8 @@ using namespace nb::literals;
 
 namespace {
 
-using Code = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
-using Room = nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-
-void decode(const Code& code, const std::vector<std::tuple<std::size_t, std::size_t>>& counts, const Room& room) {
+void decode(const LentBytes& code, const std::vector<std::tuple<std::size_t, std::size_t>>& counts,
+            const LentRoom& room) {
     if (reinterpret_cast<std::uintptr_t>(room.data()) % alignof(std::uint64_t)) {
         throw std::invalid_argument("the room for a batch must be aligned as its packets are");
     }
@@ -40,7 +39,7 @@ void decode(const Code& code, const std::vector<std::tuple<std::size_t, std::siz
         parts.push_back({first_run, runs, reinterpret_cast<std::uint64_t*>(take(packets, kPacketBytes)), packets});
     }
     nb::gil_scoped_release unlocked;
-    decode_batch(static_cast<const unsigned char*>(code.data()), code.nbytes(), parts);
+    decode_batch(bytes_of(code), code.nbytes(), parts);
 }
 
 }  // namespace

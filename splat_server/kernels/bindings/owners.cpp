@@ -17,6 +17,7 @@
 #include <tuple>
 #include <utility>
 
+#include "kernels/lent_bytes.h"
 #include "let_go.h"
 #include "owners.h"
 #include "slabs.h"
@@ -29,8 +30,6 @@ namespace volsplat {
 
 namespace {
 
-typedef nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu> Bytes;
-typedef nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> Pixels;
 typedef std::pair<std::uint64_t, std::uint64_t> Counts;  // of runs and packets
 
 // Bytes that a batch costs beside its own, at most: objects, and the rounding of its buffer.
@@ -56,11 +55,11 @@ std::vector<unsigned char> copied_runs(std::vector<PartView>& parts) {
     return copies;
 }
 
-PythonBatch batch_of(Bytes payload, const std::vector<Counts>& counts, std::shared_ptr<ReadBudget> budget,
+PythonBatch batch_of(LentBytes payload, const std::vector<Counts>& counts, std::shared_ptr<ReadBudget> budget,
                      bool shared) {
     LetGo::now();
     const std::uint64_t bytes = payload.size() * payload.itemsize();
-    const unsigned char* place = static_cast<const unsigned char*>(payload.data());
+    const unsigned char* place = bytes_of(payload);
     PythonBatch batch;
     std::uint64_t left = bytes;
     for (const auto& [runs, packets] : counts) {
@@ -124,9 +123,9 @@ BatchSource* source_of(const nb::object& walk) {
     return static_cast<BatchSource*>(source);
 }
 
-float* floats_of(const Pixels& bytes) { return reinterpret_cast<float*>(bytes.data()); }
+float* floats_of(const LentRoom& bytes) { return reinterpret_cast<float*>(bytes.data()); }
 
-PixelMemory memory_of(Pixels bytes) {
+PixelMemory memory_of(LentRoom bytes) {
     float* const floats = floats_of(bytes);
     const std::size_t count = bytes.size() / sizeof(float);
     return {std::shared_ptr<float[]>(LetGo::later(std::move(bytes)), floats), count};
@@ -136,7 +135,7 @@ std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<in
                                   bool front_to_back, const std::array<std::uint64_t, 2>& thresholds,
                                   const std::array<std::uint64_t, 3>& counts, int sources, bool traced,
                                   std::uint64_t portion, std::optional<std::pair<nb::object, nb::object>> edges,
-                                  std::vector<nb::object> walks, std::optional<Pixels> block,
+                                  std::vector<nb::object> walks, std::optional<LentRoom> block,
                                   std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait) {
     FrameTask task{{},
                    job_of(reach, front_to_back, thresholds),
@@ -183,7 +182,7 @@ nb::object published(Owners& owners, SplatFrame& frame) {
     return block_view(block, rectangle);
 }
 
-void show(SplatFrame& frame, const Pixels& target) {
+void show(SplatFrame& frame, const LentRoom& target) {
     const Rectangle& rectangle = frame.block().rectangle;
     if (target.size() != rectangle.floats() * sizeof(float))
         throw std::invalid_argument("the memory to show in has another size than the regions");
@@ -257,7 +256,8 @@ void bind_owners(nb::module_& m) {
     nb::class_<PythonBatch>(m, "BatchMemory")
         .def(
             "__init__",
-            [](PythonBatch* self, Bytes payload, const std::vector<Counts>& parts, std::shared_ptr<ReadBudget> budget,
+            [](PythonBatch* self, LentBytes payload, const std::vector<Counts>& parts,
+               std::shared_ptr<ReadBudget> budget,
                bool shared) { new (self) PythonBatch(batch_of(std::move(payload), parts, std::move(budget), shared)); },
             "payload"_a, "parts"_a, "budget"_a, "shared"_a = false);
     nb::class_<OwnerSeconds>(m, "OwnerSeconds")
