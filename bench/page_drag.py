@@ -38,8 +38,8 @@ _CANVAS = "() => { const c = window.volsplatViewport.canvas; return [c.clientWid
 _ROTATION = "() => window.volsplatViewport.view.rotation"
 _NOTES = """() => ({
     sent: window.volsplatViewport.sent.map(({ event, at }) => [event, at]),
-    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height, every }) =>
-        [number, event, shownAt, step, width, height, every]),
+    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height, one_in }) =>
+        [number, event, shownAt, step, width, height, one_in]),
 })"""
 _FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
 # Width, height, and the bytes of red, green, blue and alpha.
@@ -66,12 +66,12 @@ class ShownPicture(NamedTuple):
     step: str
     width: int
     height: int
-    every: int  # of so many voxels on each axis one was drawn
+    one_in: int  # of so many voxels one was drawn
 
     @property
     def way(self) -> str:
         """In words."""
-        left_out = "" if self.every == 1 else f" with every {'2nd' if self.every == 2 else f'{self.every}th'} voxel"
+        left_out = "" if self.one_in == 1 else f" with 1 of {self.one_in} voxels"
         return f"{self.step} in {self.width} x {self.height}{left_out}"
 
 

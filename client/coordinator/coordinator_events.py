@@ -11,6 +11,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.addresses import Address
@@ -90,7 +91,7 @@ class FrameAsked:
     """An image is wanted; if `require_complete`, only one that shows the whole volume.
 
     One that need not be `exact` is only looked at: where the link is slow it may come with 8 bits a channel.
-    Its samples may be coarser by `octaves` than the step's are as a rule.
+    `thinning` says which of its step's voxels are left out.
     """
 
     frame: int  # rises with every request
@@ -98,7 +99,7 @@ class FrameAsked:
     step: Step
     require_complete: bool
     exact: bool = True  # the finished image
-    octaves: int = 0
+    thinning: Thinning = ALL_VOXELS
 
 
 @dataclass(frozen=True)

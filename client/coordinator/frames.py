@@ -54,7 +54,7 @@ class Frames:
     def asked(self, event: FrameAsked) -> list[Instruction]:
         replaced = self.frame
         self.frame = RunningFrame(
-            event.frame, event.scene, event.step, event.require_complete, exact=event.exact, octaves=event.octaves
+            event.frame, event.scene, event.step, event.require_complete, exact=event.exact, thinning=event.thinning
         )
         begun = self.begin()
         if replaced is None:
@@ -80,7 +80,7 @@ class Frames:
                 return holding.prepare(packing) if holding.gives_way(packing) else []
             if not holding.holds(packing):
                 return holding.prepare(packing)
-            resolution = holding.resolution(frame.step, frame.scene.refine.striding, frame.octaves)
+            resolution = holding.resolution(frame.step, frame.scene.refine.striding, frame.thinning)
             render = frame_request(
                 frame.frame,
                 holding.assignment,

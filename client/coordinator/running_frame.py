@@ -8,6 +8,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.regions import Rectangle, lines_of, rectangle_of
 from volsplat.protocol.text.errors import RemoteProtocolError
 
@@ -19,7 +20,7 @@ class RunningFrame:
     step: Step
     require_complete: bool  # only an image that shows the whole volume is wanted
     exact: bool = True  # bit for bit; else it is only looked at
-    octaves: int = 0  # by which it is coarser than its step is as a rule
+    thinning: Thinning = ALL_VOXELS
     request: RenderFrame | None = None  # as it was sent to the servers
     rectangles: dict[int, Rectangle] = field(default_factory=dict)  # of the image, by splat server
     why_level: str = ""

@@ -43,7 +43,7 @@ from volsplat.protocol.messages.volume_messages import (
     VolumeLent,
     VoxelsPacked,
 )
-from volsplat.protocol.rules.levels import Resolution, own_resolution, resolution_of
+from volsplat.protocol.rules.levels import ALL_VOXELS, Resolution, Thinning, own_resolution, resolution_of
 
 
 class VolumeHolding:
@@ -125,12 +125,12 @@ class VolumeHolding:
         self._held = True
         return self._read_sub_cubes()
 
-    def resolution(self, step: Step, striding: bool, octaves: int = 0) -> Resolution:
-        """What a step draws of the packets that are held, coarser by `octaves` than it is as a rule."""
+    def resolution(self, step: Step, striding: bool, thinning: Thinning = ALL_VOXELS) -> Resolution:
+        """What a step draws of the packets that are held."""
         assert self.volume is not None and self.packing is not None
         if self._levels is None:
-            return own_resolution(self.volume.description.geometry, step, octaves)
-        return resolution_of(step, self._levels.grids, self.packing.base_level, striding, octaves)
+            return own_resolution(self.volume.description.geometry, step, thinning)
+        return resolution_of(step, self._levels.grids, self.packing.base_level, striding, thinning)
 
     def finest(self) -> Resolution:
         """The most that can be told of what is held."""

@@ -17,6 +17,7 @@ from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.program.counts import Counts
 from volsplat.program.room_for_image import check_room_for_image
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 
 log = logging.getLogger(__name__)
 
@@ -45,7 +46,13 @@ class AskedImages:
                 continue
 
     def refine(
-        self, scene: Scene, first: Step, last: Step, partial_interval: float, exact: Collection[Step], octaves: int
+        self,
+        scene: Scene,
+        first: Step,
+        last: Step,
+        partial_interval: float,
+        exact: Collection[Step],
+        thinning: Thinning,
     ) -> Iterator[Refinement]:
         """As Session.refine."""
         asked: list[int] = []  # the newest frame of this refinement
@@ -54,7 +61,7 @@ class AskedImages:
             healing = False  # what is left has been seen, and others read the rest: wait for the whole
             while True:
                 after = asked[-1] if asked else None
-                frame, answers = self._ask(scene, step, healing, after, step in exact, octaves)
+                frame, answers = self._ask(scene, step, healing, after, step in exact, thinning)
                 asked.append(frame)
                 healing = False
                 try:
@@ -78,13 +85,13 @@ class AskedImages:
         require_complete: bool,
         after: int | None = None,
         exact: bool = True,
-        octaves: int = 0,
+        thinning: Thinning = ALL_VOXELS,
     ) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
         check_room_for_image(scene.image.width, scene.image.height)
         frame, answers = self._coordination.frames.ask(after)
         self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
-        self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, octaves))
+        self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, thinning))
         return frame, answers
 
     def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:

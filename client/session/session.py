@@ -69,6 +69,7 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
@@ -236,14 +237,14 @@ class Session:
         partial_interval: float = PARTIAL_INTERVAL,
         first: Step = Step.A,
         exact: Collection[Step] = ALL_STEPS,
-        octaves: int = 0,
+        thinning: Thinning = ALL_VOXELS,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
         The first partial image of step G comes as soon as its first slabs show anything. Finished images of the `exact`
         steps keep each bit. By a slow link all others, and partial images, come with 8 bits a channel, which look the
-        same. Samples may be coarser by 1 or 2 `octaves` than a step's are: of all voxels every 2nd or 4th on each axis,
-        or a prepared volume's means.
+        same. `thinning` says which of a step's voxels are left out: coarser by 1 or 2 octaves it draws every 2nd or 4th
+        on each axis, or a prepared volume's means.
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
@@ -255,7 +256,7 @@ class Session:
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
         self._check_has_volume()
-        return self._images.refine(scene, first, last, interval, exact, octaves)
+        return self._images.refine(scene, first, last, interval, exact, thinning)
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.

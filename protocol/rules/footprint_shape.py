@@ -10,8 +10,10 @@ import math
 import msgspec
 
 from volsplat.protocol.description.scene import Kernel, Reconstruction
-from volsplat.protocol.geometry.matrices import dot
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.geometry.matrices import Vector, dot
 from volsplat.protocol.rules.grid_on_screen import GridOnScreen
+from volsplat.protocol.rules.traversal import mean_stride
 
 # Radial kernels K(r) of the design's section 4, r in voxels, each zero from its radius R on:
 #   gaussian       exp(-r^2 / (2 sigma^2)), cut at R
@@ -83,14 +85,18 @@ def kernel_radius(reconstruction: Reconstruction) -> float:
     return DEFAULT_RADIUS[reconstruction.kernel] if reconstruction.radius == "default" else reconstruction.radius
 
 
-def footprint_shape(grid: GridOnScreen, stride: int, reconstruction: Reconstruction) -> FootprintShape:
-    """The footprint of a sample of every `stride`-th voxel: its weights over all pixels sum to (zoom * stride)^2.
+def footprint_shape(grid: GridOnScreen, strides: Index | int, reconstruction: Reconstruction) -> FootprintShape:
+    """The footprint where every so many voxels along i, j and k are visited, or as many on each axis.
+
+    The kernel is as much longer there. Its weights over all pixels sum to (zoom * s)^2, s being the strides' mean.
 
     An axis of the ellipse below one pixel a voxel is widened to one, the sum kept, so that nothing aliases.
     Raises ValueError where it is of no size that can be computed with.
     """
-    d, s = grid.pixels_per_index, stride
-    vxx, vxy, vyy = dot(d[0], d[0]) * s * s, dot(d[0], d[1]) * s * s, dot(d[1], d[1]) * s * s
+    strides = (strides, strides, strides) if isinstance(strides, int) else strides
+    across, down = (_stretched(row, strides) for row in grid.pixels_per_index[:2])
+    s = mean_stride(strides)
+    vxx, vxy, vyy = dot(across, across), dot(across, down), dot(down, down)
     vxx, vxy, vyy = widened(*_rounded_if_round(vxx, vxy, vyy, (grid.zoom * s) ** 2))
     area = vxx * vyy - vxy * vxy
     radius = kernel_radius(reconstruction)
@@ -105,6 +111,11 @@ def footprint_shape(grid: GridOnScreen, stride: int, reconstruction: Reconstruct
         half_height=radius * math.sqrt(vyy),
         precise=reconstruction.precise,
     )
+
+
+def _stretched(row: Vector, strides: Index) -> Vector:
+    i, j, k = (step * stride for step, stride in zip(row, strides, strict=True))
+    return (i, j, k)
 
 
 def _rounded_if_round(vxx: float, vxy: float, vyy: float, square: float) -> tuple[float, float, float]:

@@ -23,7 +23,7 @@ from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order, screen_rotation
 from volsplat.protocol.rules.rounding import DOWN, TO_NEAREST, Thresholds, thresholds_of
 from volsplat.protocol.rules.slab_shape import SlabShape, slab_shape
-from volsplat.protocol.rules.traversal import AxisVisits, Traversal, traversal_of, visits_of
+from volsplat.protocol.rules.traversal import AxisVisits, Traversal, mean_stride, traversal_of, visits_of
 from volsplat.protocol.rules.volume_edges import MOST_EDGES, Edge, volume_edges
 
 CELLS_IN_A_SHEET = 3  # that a ray passes through, each for as much of its path
@@ -89,7 +89,7 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"opacity exponents must be finite and not below 0, not {self.opacity_exponents}")
 
     def _check_slabs(self, slabs: SlabShape) -> None:
-        if self.turned or self.order != Order.FRONT_TO_BACK or self.stride != 1:
+        if self.turned or self.order != Order.FRONT_TO_BACK or max(self.strides) > 1:
             raise ValueError("slabs are drawn front to back, of every voxel, and never turned")
         if slabs.depth.greatest(self.bounds.high) > FARTHEST_VALUE:
             raise ValueError(f"the grid reaches further than {LARGEST_POSITION} planes from the first one")
@@ -135,9 +135,14 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return thresholds_of(first, visits.stride if ascending else -visits.stride)
 
     @property
-    def stride(self) -> int:
-        """Every how many of the level's voxels are visited on each axis."""
-        return self.visits[0].stride
+    def strides(self) -> Index:
+        """Every how many of the level's voxels are visited along i, j and k."""
+        return _strides(self.visits)
+
+    @property
+    def stride(self) -> float:
+        """That on all axes alike by which as many would be visited."""
+        return mean_stride(self.strides)
 
     @property
     def bounds(self) -> Box:
@@ -165,22 +170,24 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
     drawn = resolution or own_resolution(geometry, step)
     try:
         grid = grid_on_screen(scene, geometry, drawn.geometry)
-        return _planned(scene, geometry, step, drawn.stride, grid)
+        return _planned(scene, geometry, step, drawn.strides, grid)
     except (OverflowError, ZeroDivisionError) as error:
         raise ValueError("the volume's place in space and the view are beyond what float64 can compute with") from error
 
 
-def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: GridOnScreen) -> FramePlan:
+def _planned(scene: Scene, geometry: Geometry, step: Step, by_level: Index, grid: GridOnScreen) -> FramePlan:
+    """`by_level` are the strides of sheets, rows and samples."""
     in_volume = resolved_bounds(scene, geometry)
     bounds = bounds_at_level(in_volume, grid.factors)
     if STEP_RULES[step].slabs:
         return _planned_slabs(scene, geometry, step, grid, bounds)
-    i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], stride) for axis in range(3))
     order = resolved_order(scene, geometry)
     traversal = traversal_of(grid.ray_to_viewer(), order)
+    strides = traversal.on_axes(by_level)
+    i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], strides[axis]) for axis in range(3))
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
-    reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, stride, scene)
-    footprint, gain = _footprint(scene, geometry, grid, stride) if reach == Reach.FOOTPRINT else (None, 1.0)
+    reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, strides, scene)
+    footprint, gain = _footprint(scene, geometry, grid, strides) if reach == Reach.FOOTPRINT else (None, 1.0)
     plan = FramePlan(
         step=step,
         turned=False,
@@ -231,29 +238,29 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
     )
 
 
-def _footprint(scene: Scene, geometry: Geometry, grid: GridOnScreen, stride: int) -> tuple[FootprintShape, float]:
+def _footprint(scene: Scene, geometry: Geometry, grid: GridOnScreen, strides: Index) -> tuple[FootprintShape, float]:
     """The footprint of a frame, and how much more opaque it is for being a coarser level's."""
-    shape = footprint_shape(grid, stride, scene.reconstruction)
+    shape = footprint_shape(grid, strides, scene.reconstruction)
     if grid.factors == (1, 1, 1):
         return shape, 1.0
-    own = footprint_shape(grid_on_screen(scene, geometry), stride, scene.reconstruction)
+    own = footprint_shape(grid_on_screen(scene, geometry), strides, scene.reconstruction)
     gain = footprint_gain(shape.amplitude, own.amplitude, grid.thickness)
     return msgspec.structs.replace(shape, amplitude=shape.amplitude * gain), gain
 
 
 def opacity_exponent(
-    grid: GridOnScreen, reach: Reach, axes: Index, stride: int, block: Index, gain: float = 1.0
+    grid: GridOnScreen, reach: Reach, axes: Index, stride: float, block: Index, gain: float = 1.0
 ) -> float:
     """The t of 1 - (1 - a)^t for a sample whose clipped block has this many voxels along i, j, k.
 
-    `axes` are those of sheet, row and sample. a is the opacity of one of the volume's reference spacings; a coarser
-    level's is thicker. Footprints carry thickness in their weights, so there only the stride counts, and what their
-    weights are multiplied by. Cells cover a
-    pixel three times in each sheet, so t is a third of the path through the sheet in reference spacings; one pixel
-    holds many cells, so there it is the path times the cell's share of the pixel.
+    `axes` are those of sheet, row and sample, `stride` is their mean. a is the opacity of one of the volume's
+    reference spacings; a coarser level's is thicker. Footprints carry thickness in their weights, so there only the
+    stride counts, and what their weights are multiplied by. Cells cover a pixel three times in each sheet, so t is a
+    third of the path through the sheet in reference spacings; one pixel holds many cells, so there it is the path times
+    the cell's share of the pixel.
     """
     if reach == Reach.FOOTPRINT:
-        return grid.thickness * float(stride) / gain
+        return grid.thickness * stride / gain
     if reach == Reach.PIXEL:
         return grid.thickness * (grid.zoom * grid.zoom * (block[0] * block[1] * block[2]))
     return grid.thickness * (grid.path_through(*axes) * block[axes[0]] / CELLS_IN_A_SHEET)
@@ -268,7 +275,7 @@ def _opacity_exponents(
     gain: float,
 ) -> tuple[float, ...]:
     """Of blocks that reach beyond the volume, or its bounds, as much less as is missing; `bounds` are the volume's."""
-    axes, stride = traversal.axes, visits[0].stride
+    axes, stride = traversal.axes, mean_stride(_strides(visits))
     on_axes = [
         list(zip(on_axis.block_sizes(), _shares(on_axis, factor, low, high), strict=True))
         for on_axis, factor, low, high in zip(visits, grid.factors, *bounds, strict=True)
@@ -280,6 +287,11 @@ def _opacity_exponents(
     return tuple(exponents)
 
 
+def _strides(visits: tuple[AxisVisits, AxisVisits, AxisVisits]) -> Index:
+    i, j, k = (on_axis.stride for on_axis in visits)
+    return (i, j, k)
+
+
 def _shares(visits: AxisVisits, factor: int, low: int, high: int) -> tuple[float, float, float]:
     """How much of the first block, those between, and the last one lies within low..high of the volume."""
     first, last = (
@@ -289,7 +301,7 @@ def _shares(visits: AxisVisits, factor: int, low: int, high: int) -> tuple[float
     return (first, 1.0, last)
 
 
-def _nearest_reach(grid: GridOnScreen, stride: int, scene: Scene) -> Reach:
+def _nearest_reach(grid: GridOnScreen, strides: Index, scene: Scene) -> Reach:
     """PIXEL where the outline of a voxel's block fits into a pixel, so that no pixel is left out; else CELL.
 
     Whatever closed shell of voxels a pixel's rays pass through, then one of its samples lies in the pixel. But pixels
@@ -297,5 +309,8 @@ def _nearest_reach(grid: GridOnScreen, stride: int, scene: Scene) -> Reach:
     """
     if scene.reconstruction.precise:
         return Reach.CELL
-    spans = [stride * sum(map(abs, grid.pixels_per_index[axis])) for axis in range(2)]
+    spans = [
+        sum(stride * abs(step) for stride, step in zip(strides, grid.pixels_per_index[axis], strict=True))
+        for axis in range(2)
+    ]
     return Reach.PIXEL if max(spans) <= 1.0 else Reach.CELL

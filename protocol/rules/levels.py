@@ -8,6 +8,7 @@ f (n + 1/2) - 1/2. A scene always speaks of level 0's grid and spacing, whatever
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import msgspec
 
@@ -32,34 +33,71 @@ class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     levels: tuple[Geometry, ...]  # finest first; the first is the volume's own
 
 
+class Thinning(NamedTuple):
+    """What a frame leaves out of the voxels that its step draws as a rule.
+
+    Sheets lie one behind the other, so that leaving out some of them harms a picture least; then rows.
+    """
+
+    octaves: int = 0  # by which all axes are coarser
+    sheets: int = 1  # every how many of these are left
+    rows: int = 1
+
+    @property
+    def one_in(self) -> int:
+        """Of so many voxels one is drawn."""
+        return self.sheets * self.rows << 3 * self.octaves
+
+
+ALL_VOXELS = Thinning()
+
+
 class Resolution(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a frame is drawn from: a level, and every how many of its samples on each axis."""
+    """What a frame is drawn from: a level, and every how many of its samples on each axis.
+
+    On those of sheets and rows `stride` counts so many times.
+    """
 
     level: int
     geometry: Geometry  # the level's
     stride: int
+    sheets: int = 1
+    rows: int = 1
 
     def __post_init__(self) -> None:
         if self.level < 0:
             raise ValueError(f"a resolution needs a level from 0 on, not {self.level}")
-        if not 1 <= self.stride <= GREATEST_STRIDE:
-            raise ValueError(f"a resolution's stride must be 1 to {GREATEST_STRIDE}, not {self.stride}")
+        if min(self.strides) < 1 or max(self.strides) > GREATEST_STRIDE:
+            raise ValueError(f"a resolution's strides must be 1 to {GREATEST_STRIDE}, not {self.strides}")
+
+    @property
+    def strides(self) -> Index:
+        """Of sheets, rows and samples."""
+        return (self.stride * self.sheets, self.stride * self.rows, self.stride)
 
 
-def own_resolution(geometry: Geometry, step: Step, octaves: int = 0) -> Resolution:
+def own_resolution(geometry: Geometry, step: Step, thinning: Thinning = ALL_VOXELS) -> Resolution:
     """A volume without further levels: it is strided, as in the paper."""
-    return Resolution(level=0, geometry=geometry, stride=STEP_RULES[step].stride << octaves)
+    stride = STEP_RULES[step].stride << thinning.octaves
+    return Resolution(level=0, geometry=geometry, stride=stride, sheets=thinning.sheets, rows=thinning.rows)
 
 
-def resolution_of(step: Step, levels: Sequence[Geometry], base: int, striding: bool, octaves: int = 0) -> Resolution:
-    """What `step` is drawn from where the finest step takes level `base`; coarser by `octaves` than it is as a rule.
+def resolution_of(
+    step: Step, levels: Sequence[Geometry], base: int, striding: bool, thinning: Thinning = ALL_VOXELS
+) -> Resolution:
+    """What `step` is drawn from where the finest step takes level `base`, and leaves out what `thinning` says.
 
     Coarser steps take coarser levels, whose voxels are means, unless `striding`; where there are no more, they stride.
     """
-    all_octaves = STEP_RULES[step].octaves + octaves
-    coarser = 0 if striding else min(all_octaves, len(levels) - 1 - base)
-    stride = 1 << (all_octaves - coarser)
-    return Resolution(level=base + coarser, geometry=levels[base + coarser], stride=stride)
+    octaves = STEP_RULES[step].octaves + thinning.octaves
+    coarser = 0 if striding else min(octaves, len(levels) - 1 - base)
+    return Resolution(
+        level=base + coarser,
+        geometry=levels[base + coarser],
+        stride=1 << (octaves - coarser),
+        sheets=thinning.sheets,
+        rows=thinning.rows,
+    )
 
 
 def levels_drawn(levels: Sequence[Geometry], base: int) -> range:

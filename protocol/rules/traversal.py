@@ -5,6 +5,8 @@ the one that changes least the innermost (sample). A zero delta counts as positi
 before j before i.
 """
 
+import math
+
 import msgspec
 
 from volsplat.protocol.description.scene import Order
@@ -21,6 +23,11 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if sorted(self.axes) != [0, 1, 2]:
             raise ValueError(f"a traversal has each of the axes 0, 1 and 2 once, not {self.axes}")
+
+    def on_axes(self, by_level: Index) -> Index:
+        """What is given for sheet, row and sample, for i, j and k."""
+        i, j, k = (by_level[self.axes.index(axis)] for axis in range(3))
+        return (i, j, k)
 
 
 def traversal_of(ray: Index, order: Order) -> Traversal:
@@ -80,6 +87,12 @@ class AxisVisits(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fi
         """How many voxels the first block, those between, and the last one have."""
         first, last = self.block(0), self.block(self.count - 1)
         return (first[1] - first[0], self.stride, last[1] - last[0])
+
+
+def mean_stride(strides: Index) -> float:
+    """That on all axes alike by which as many voxels would be visited."""
+    i, j, k = strides
+    return float(i) if i == j == k else math.cbrt(i * j * k)
 
 
 def visits_of(low: int, high: int, stride: int) -> AxisVisits:

@@ -20,6 +20,7 @@ from tolerances import (
 )
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Reconstruction, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.levels import Thinning, own_resolution
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 SIZE = 40
@@ -152,6 +153,26 @@ def test_kernels_and_reference_agree_in_any_view_of_any_grid(
     table = TableWeights(scene, geometry, step) if step >= Step.D else None
     expected = render.render(voxels, geometry, QUANTISATION, scene, step, exact=False, weights=table)
     assert (rendered(values, geometry, scene, step) - expected).abs().max() <= ONE_LEVEL
+
+
+@given(situations(largest=8), st.sampled_from([(2, 1), (2, 2), (4, 1), (1, 2)]), st.integers(0, 2**32))
+def test_kernels_and_reference_agree_where_sheets_and_rows_are_left_out(
+    situation: tuple[Scene, Geometry], left: tuple[int, int], seed: int
+) -> None:
+    drawn, geometry = situation
+    size = (min(drawn.image.width, 40), min(drawn.image.height, 40))
+    view = msgspec.structs.replace(drawn.view, zoom=min(float(drawn.view.zoom), 5.0))
+    scene = msgspec.structs.replace(shaded_scene(view, size, drawn.order), bounds=drawn.bounds)
+    ni, nj, nk = geometry.dims
+    values = 255 * torch.rand((nk, nj, ni), generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    voxels = voxel_packets.pack(values, geometry, QUANTISATION)
+    thinned = own_resolution(geometry, Step.F, Thinning(sheets=left[0], rows=left[1]))
+    table = TableWeights(scene, geometry, Step.F, thinned)
+    expected = render.render(
+        voxels, geometry, QUANTISATION, scene, Step.F, exact=False, weights=table, resolution=thinned
+    )
+    image = rendered(values, geometry, scene, Step.F, resolution=thinned)
+    assert (image - expected).abs().max() <= ONE_LEVEL
 
 
 @pytest.mark.parametrize("opacity", [1e-5, 1e-4, 1e-3, 1e-2])

@@ -40,7 +40,13 @@ from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import LISTS_PER_PACKET, LISTS_PER_STORED_PACKET
+from volsplat.protocol.rules.levels import (
+    ALL_VOXELS,
+    LISTS_PER_PACKET,
+    LISTS_PER_STORED_PACKET,
+    Thinning,
+    own_resolution,
+)
 from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
@@ -52,6 +58,7 @@ LATTICE = 64
 SPARED = 1.2  # pixels: further from an open tile a hidden sample is sure to be left out
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
 STEPS_OF_ALL_VOXELS = (Step.C, Step.D, Step.E, Step.F)
+THINNED = (Thinning(sheets=2), Thinning(sheets=2, rows=2), Thinning(rows=4), Thinning(octaves=1))
 SIDE = 24
 CUBE = Geometry((SIDE, SIDE, SIDE))
 TOWARDS = {"i": (0.1, 0.5, 1.0), "j": (0.5, 0.1, 1.0), "k": (0.5, 1.0, 0.1)}  # how depth changes, by sample axis
@@ -78,12 +85,15 @@ class Frame:
 
 
 def walk_of(
-    held: list[SubCube], scene: Scene, step: Step = Step.F, closed_tiles: "_kernels.Array | None" = None
+    held: list[SubCube],
+    scene: Scene,
+    step: Step = Step.F,
+    closed_tiles: "_kernels.Array | None" = None,
+    thinning: Thinning = ALL_VOXELS,
 ) -> FrameWalk:
     geometry = held[0].geometry
-    return FrameWalk(
-        held, geometry, PLAIN, shading_rule(scene, step), plan_frame(scene, geometry, step).upright, closed_tiles
-    )
+    plan = plan_frame(scene, geometry, step, own_resolution(geometry, step, thinning)).upright
+    return FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan, closed_tiles)
 
 
 def frame(
@@ -92,8 +102,9 @@ def frame(
     step: Step = Step.F,
     closed_tiles: "_kernels.Array | None" = None,
     most: int = 999,
+    thinning: Thinning = ALL_VOXELS,
 ) -> Frame:
-    return Frame(all_batches(walk_of(held, scene, step, closed_tiles), most, most))
+    return Frame(all_batches(walk_of(held, scene, step, closed_tiles, thinning), most, most))
 
 
 def sparse(scene: Scene, least: float) -> Scene:
@@ -111,7 +122,7 @@ def seen_from(axis: str, least: float = 0.85) -> Scene:
 def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geometry: Geometry, path: str) -> None:
     values, boxes = data.draw(volumes(geometry)), data.draw(partitions(geometry))
     scenes = [data.draw(shaded_scenes(geometry)), sparse(data.draw(shaded_scenes(geometry)), 0.8)]
-    steps = st.sampled_from(PAPER_STEPS)
+    steps, thinnings = st.sampled_from(PAPER_STEPS), st.sampled_from([ALL_VOXELS, *THINNED])
     with kernels_on(_kernels, path):
         held = held_as(geometry, values, boxes)
         for _ in range(data.draw(st.integers(2, 6))):
@@ -121,7 +132,9 @@ def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geo
                 bounds=data.draw(bounds_within(geometry.dims)),
             )
             step = data.draw(steps)
-            after, fresh = frame(held, scene, step), frame(held_as(geometry, values, boxes), scene, step)
+            thinning = data.draw(thinnings) if step in STEPS_OF_ALL_VOXELS else ALL_VOXELS
+            anew = held_as(geometry, values, boxes)
+            after, fresh = frame(held, scene, step, thinning=thinning), frame(anew, scene, step, thinning=thinning)
             assert after.rows == fresh.rows
             assert after.visited == fresh.visited
             for sub_cube in held:
@@ -153,6 +166,15 @@ def test_all_48_traversals_are_served_by_lists_in_any_sequence(order: Order) -> 
         assert frame(held, scene).rows == frame(held_as(geometry, values, [geometry.box]), scene).rows
         kept |= set(held[0].classified_rows.axes)
     assert kept == {0, 1, 2}
+
+
+@pytest.mark.parametrize("axis", TOWARDS)
+def test_lists_made_while_sheets_are_left_out_hold_all_that_is_seen(axis: str) -> None:
+    values = torch.randn(SIDE, SIDE, SIDE, generator=torch.Generator().manual_seed(1))
+    held, scene = held_as(CUBE, values, [CUBE.box]), seen_from(axis)
+    for thinning in THINNED:
+        frame(held, scene, thinning=thinning)
+    assert frame(held, scene).rows == frame(held_as(CUBE, values, [CUBE.box]), scene).rows
 
 
 def test_steps_of_all_voxels_share_lists_and_others_make_none() -> None:

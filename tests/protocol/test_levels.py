@@ -1,5 +1,6 @@
 """Levels of a volume: where their grids lie, which one a step takes, and that pictures of them agree."""
 
+import math
 from random import Random
 
 import msgspec
@@ -19,11 +20,11 @@ from tolerances import ONE_LEVEL, STRIDES
 from volsplat.mapshade_server.prepare.halving import halved
 from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Step, View
-from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules import levels
 from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.levels import Resolution, own_resolution, resolution_of
+from volsplat.protocol.rules.levels import Resolution, Thinning, own_resolution, resolution_of
 
 OBLIQUE = (0.2, 0.3, 0.1, 0.9)
 SIDES: list[Vector] = [(0.0, 0.0, 1.0), (0.3, 0.2, 1.0), (0.5, -0.4, -0.8)]
@@ -118,6 +119,37 @@ def test_a_slab_is_as_opaque_at_every_level(step: Step, opacity: float, toward: 
         resolution = Resolution(number, level, stride=1)
         image = rendered(constant(level.dims), geometry, scene, step, resolution=resolution)[clear]
         assert (image - finest).abs().max() <= STRIDES
+
+
+@pytest.mark.parametrize("toward", SIDES)
+@pytest.mark.parametrize("thinning", [Thinning(sheets=2), Thinning(sheets=2, rows=2)])
+def test_a_slab_is_as_opaque_without_some_sheets_and_rows(thinning: Thinning, toward: Vector) -> None:
+    geometry = Geometry((64, 64, 8))
+    scene = plain_scene(0.02, view=View(rotation=quaternion_to(toward), zoom=2.0), size=(40, 40))
+    clear, _ = crossing(geometry, scene, margin=9.0)
+    assert clear.any()
+    whole = rendered(constant(geometry.dims), geometry, scene, Step.F)[clear]
+    resolution = own_resolution(geometry, Step.F, thinning)
+    thinned = rendered(constant(geometry.dims), geometry, scene, Step.F, resolution=resolution)[clear]
+    assert (thinned - whole).abs().max() <= STRIDES
+
+
+@pytest.mark.parametrize(
+    ("thinning", "strides"),
+    [
+        (Thinning(), (1, 1, 1)),
+        (Thinning(octaves=1), (2, 2, 2)),
+        (Thinning(sheets=2), (2, 1, 1)),
+        (Thinning(octaves=1, sheets=2, rows=2), (4, 4, 2)),
+    ],
+)
+def test_what_is_left_out_is_counted_by_sheets_rows_and_samples(thinning: Thinning, strides: Index) -> None:
+    geometry = Geometry((16, 16, 16))
+    resolution = own_resolution(geometry, Step.F, thinning)
+    assert resolution.strides == strides
+    plan = plan_frame(plain_scene(view=View(zoom=2.0)), geometry, Step.F, resolution)
+    assert math.prod(plan.counts) * thinning.one_in == geometry.box.voxels
+    assert plan.counts == tuple(16 // stride for stride in strides)
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)

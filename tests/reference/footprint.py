@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from volsplat.protocol.description.scene import Kernel, Reconstruction
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS, GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA
 
 PROFILE_POINTS = 8193
@@ -104,13 +105,15 @@ class Footprint:
         return self.amplitude * projection(self.kernel, self.radius, rho)
 
 
-def footprint_of(steps: Tensor, zoom: float, stride: int, reconstruction: Reconstruction) -> Footprint:
+def footprint_of(steps: Tensor, zoom: float, strides: Index | int, reconstruction: Reconstruction) -> Footprint:
     """The footprint for `steps` (3, 3), columns in pixels for a step of i, j, k with y UP (mapping.steps_on_screen).
 
-    The unit ball becomes an ellipse with the matrix D D^T on the screen; its axes are widened to one pixel.
+    Every so many voxels along i, j and k are visited. The unit ball becomes an ellipse with the matrix D D^T on the
+    screen; its axes are widened to one pixel.
     """
     upside_down = torch.tensor([[1.0], [-1.0]], dtype=torch.float64)
-    flat = steps[:2] * upside_down * stride
+    on_axes = torch.tensor(strides, dtype=torch.float64).expand(3)
+    flat = steps[:2] * upside_down * on_axes
     squares, axes = torch.linalg.eigh(flat @ flat.T)
     squares = squares.clamp(min=1.0)
     ellipse = axes @ torch.diag(squares) @ axes.T
@@ -120,7 +123,7 @@ def footprint_of(steps: Tensor, zoom: float, stride: int, reconstruction: Recons
     return Footprint(
         kernel=reconstruction.kernel,
         radius=radius,
-        amplitude=(zoom * stride) ** 2 / float(squares.prod().sqrt()),
+        amplitude=zoom**2 * float(on_axes.prod()) ** (2 / 3) / float(squares.prod().sqrt()),
         inverse_ellipse=axes @ torch.diag(1 / squares) @ axes.T,
         half_size=(radius * math.sqrt(float(ellipse[0, 0])), radius * math.sqrt(float(ellipse[1, 1]))),
     )

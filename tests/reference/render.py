@@ -18,6 +18,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach, plan_frame
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
 from volsplat.protocol.rules.resolved_view import resolved_zoom
 
@@ -59,6 +60,7 @@ def render(
     exact: bool,
     weights: Weights | None = None,
     rounding: Rounding | None = None,
+    resolution: Resolution | None = None,
 ) -> Tensor:
     """The image (H, W, 4) float64, associated alpha, of voxel packets (k, j, i) int64.
 
@@ -66,7 +68,7 @@ def render(
     of the splat server. `exact`: nothing but the voxel packets is quantised; or of footprints what `rounding` says.
     """
     rounding = rounding or (EXACT if exact else AS_ON_THE_WIRE)
-    plan = plan_frame(scene, geometry, step).upright
+    plan = plan_frame(scene, geometry, step, resolution).upright
     shaded = shaded_samples(packets, geometry, quantisation, scene, plan, rounding)
     buffer = torch.zeros((plan.height * plan.width, 4), dtype=torch.float64)
     if plan.reach == Reach.CELL:
@@ -75,7 +77,7 @@ def render(
         _splat_pixels(buffer, shaded, plan, scene, exact)
     else:
         steps = mapping.steps_on_screen(scene, geometry)
-        footprint = footprint_of(steps, resolved_zoom(scene, geometry), plan.stride, scene.reconstruction)
+        footprint = footprint_of(steps, resolved_zoom(scene, geometry), plan.strides, scene.reconstruction)
         _splat_footprints(buffer, shaded, plan, scene, footprint, rounding, weights)
     return buffer.reshape(plan.height, plan.width, 4)
 

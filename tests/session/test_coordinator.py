@@ -812,7 +812,7 @@ def levels_opened(instructions: list[Instruction]) -> list[int]:
 def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
     """Level and stride that the servers are told."""
     told = [i.message for i in instructions if isinstance(i, Send)]
-    return {(m.level, m.plan.stride) for m in told if isinstance(m, messages.RenderFrame)}
+    return {(m.level, m.plan.strides[0]) for m in told if isinstance(m, messages.RenderFrame)}
 
 
 def test_of_a_prepared_volume_a_step_has_the_levels_opened_that_it_needs() -> None:

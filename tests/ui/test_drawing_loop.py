@@ -18,12 +18,13 @@ from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing import drawing_loop
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import scaled
-from volsplat.client.ui.viewing.pacing import Rung, ladder
+from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
 from volsplat.client.ui.viewport.viewport_messages import picture_message
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.errors import VolsplatError
 
 SIDE = 400  # pixels: of which half is enough for a smaller image
@@ -72,11 +73,10 @@ def drawn(tmp_path: Path) -> Iterator[Drawn]:
         drawn.loop.close()
 
 
-def test_a_moving_scene_is_drawn_in_a_smaller_image_that_holds_the_rate(drawn: Drawn) -> None:
-    for _ in range(20):  # as on a slow machine
-        drawn.loop.pacing.measured(Rung(Step.F), 0.1)
-        drawn.loop.pacing.measured(Rung(Step.F, 0.75), 0.1)
-        drawn.loop.pacing.measured(Rung(Step.F, 0.5), 0.001)
+def test_a_moving_scene_is_drawn_in_a_smaller_image_that_holds_the_rate(
+    drawn: Drawn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drawn.loop.pacing, "while_moving", lambda scene: Rung(Step.F, 0.5))
     drawn.zoom_by(1.1, settled=False)
     moving = drawn.next()
     assert (moving.step, moving.published.width, moving.published.height) == (Step.F, SIDE // 2, SIDE // 2)
@@ -97,19 +97,18 @@ def test_a_moving_scene_is_drawn_in_a_smaller_image_that_holds_the_rate(drawn: D
     assert refined[-1].in_full_size and np.array_equal(refined[-1].published.pixels, still)
 
 
-def test_a_moving_scene_that_takes_too_long_is_drawn_lit_with_fewer_voxels(drawn: Drawn) -> None:
+@pytest.mark.parametrize("thinning", [Thinning(sheets=2), Thinning(sheets=2, rows=2), Thinning(octaves=1)])
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_a_moving_scene_that_takes_too_long_is_drawn_lit_with_fewer_voxels(
+    drawn: Drawn, thinning: Thinning, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = drawn.session.finish(drawn.model.scene).published.pixels
-    slow = [rung for rung in ladder(drawn.model.scene) if rung.step is Step.F and rung.octaves == 0]
-    strided = Rung(Step.F, slow[0].share, octaves=1)
-    for _ in range(20):
-        for rung in reversed(slow):
-            drawn.loop.pacing.measured(rung, 0.2)
-        drawn.loop.pacing.measured(strided, 0.001)
+    monkeypatch.setattr(drawn.loop.pacing, "while_moving", lambda scene: Rung(Step.F, share, thinning))
     drawn.zoom_by(1.0, settled=False)
     moving = drawn.next()
-    assert (moving.step, moving.every, moving.complete) == (Step.F, 2, True)
+    assert (moving.step, moving.one_in, moving.complete) == (Step.F, thinning.one_in, True)
     seen, side = moving.published_in_full_size.pixels, moving.published.width
-    all_voxels = drawn.session.finish(scaled(drawn.model.scene, strided.share)).published
+    all_voxels = drawn.session.finish(scaled(drawn.model.scene, share)).published
     assert all_voxels.width == side and not np.array_equal(all_voxels.pixels, moving.published.pixels)
     unlit_blocks = drawn.session.finish(drawn.model.scene, Step.A).published.pixels
     assert np.abs(seen - whole).mean() < 0.5 * np.abs(unlit_blocks - whole).mean()

@@ -80,7 +80,7 @@ class StepsState:
 
     def note(self, picture: Picture) -> None:
         """Remember what the picture's step took, in the size of the scene's image."""
-        if picture.outcome is not None and picture.in_full_size:
+        if picture.outcome is not None and picture.whole:
             self._seconds[picture.step] = picture.outcome.wall_seconds
 
     def chips(self) -> list[ChipState]:

@@ -171,14 +171,14 @@ class DrawingLoop:
         """One picture, perhaps smaller than the scene's: the page shows it as large."""
         rung = self.pacing.while_moving(state.scene)
         scene, step = scaled(state.scene, rung.share), rung.step
-        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), octaves=rung.octaves):
+        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), thinning=rung.thinning):
             self._publish(state, refinement, rung)
 
     def _refine(self, state: SceneState) -> None:
         shown, finest = self._shown, finest_step(state.scene)
         first: Step | None = Step.A
         if shown is not None and shown.state.scene == state.scene:
-            first = finer(shown.step, finest) if shown.in_full_size else shown.step
+            first = finer(shown.step, finest) if shown.whole else shown.step
             if first is None and not shown.published.exact:  # it was only looked at
                 first = shown.step
         if first is None:
@@ -227,7 +227,7 @@ class DrawingLoop:
             refinement.outcome,
             data,
             refinement.undrawn,
-            1 if drawn is None else drawn.every,
+            1 if drawn is None else drawn.thinning.one_in,
         )
         if refinement.complete:
             self._shown = picture

@@ -1,91 +1,99 @@
 """What to draw while things move: the best picture that holds the wanted rate, from measured times.
 
 Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
-height it is more like the finished picture than a coarser step of the whole size. So it is, where that takes too long,
-with every 2nd or 4th voxel on each axis in the smallest image (docs/notes/performance_log.md).
+height it is more like the finished picture than a coarser step of the whole size. Where that takes too long, voxels are
+left out: first every other sheet, one behind the other as they lie, and rows, at last on each axis. So the ladder rises
+by what was measured to be like the finished picture, and costs rise with it (docs/notes/performance_log.md).
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 IMAGES_PER_SECOND = 30.0
 SMALLER = (0.25, 0.375, 0.5, 0.75)  # images, as shares of the width and of the height
 LEAST_SIDE = 160  # pixels of a smaller image
-_NEWEST_WEIGHT = 0.4  # of the newest time in the running mean
-_NEWS = 1.6  # a change of one time by this factor tells of the others as well
-_MARGIN = 0.8  # of the time between two images that a better one may take; what is drawn already may take all of it
-_LIT_PATIENCE = 1.6  # intervals that the smallest image of the finest step may take before fewer voxels are drawn
-_SLACK = 1.5  # by which a smaller image may be thought slower than the whole one's time tells
-_VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save by half an octave
-_MOST_OCTAVES = 2
+# What is left out in the smallest image, the most first; the last also in the next larger one.
+THINNINGS = (Thinning(octaves=2), Thinning(octaves=1), Thinning(sheets=2, rows=2), Thinning(sheets=2))
+_NEWEST_WEIGHT = 0.2  # of the newest time in the running mean
+_LEARNT = 6  # images, after which it is known what a rung costs beside the one before
+_LEAST = 2  # images, before another rung is taken
+_LEARN_TO = 2.0  # by which factor a cost may turn out to be other than is likely
+_FORGOTTEN = 0.005  # of what was learnt, with each image
+_HICCUP = 2.0  # times as long as expected: more of one image is no news
+_MARGIN = 0.85  # of the time between two images that a better one may take; what is drawn already may take all of it
+_VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save
+_FEWER_SAVE = 0.6  # power of the share of the voxels, of which that time is
 
 
 class Rung(NamedTuple):
-    """One way to draw: a step, in an image whose width and height are this share of the scene's.
-
-    Of the voxels that it draws as a rule, one in 2**octaves on each axis.
-    """
+    """One way to draw: a step, in an image whose width and height are this share of the scene's."""
 
     step: Step
     share: float = 1.0
-    octaves: int = 0
+    thinning: Thinning = ALL_VOXELS
 
     @property
-    def every(self) -> int:
-        """Of so many voxels on each axis one is drawn, by a step that draws all as a rule."""
-        return 1 << self.octaves
+    def is_whole(self) -> bool:
+        return self.share == 1.0 and self.thinning == ALL_VOXELS
 
 
 def ladder(scene: Scene) -> list[Rung]:
     """All ways to draw a moving scene, the best one last."""
-    *coarser, finest = PAPER_STEPS
-    side = min(scene.image.width, scene.image.height)
-    smaller = [Rung(finest, share) for share in SMALLER if share * side >= LEAST_SIDE]
-    if not smaller:
-        return [*map(Rung, coarser), Rung(finest)]
-    strided = [smaller[0]._replace(octaves=octaves) for octaves in range(_MOST_OCTAVES, 0, -1)]
-    return [*strided, *smaller, Rung(finest)]
+    finest, side = PAPER_STEPS[-1], min(scene.image.width, scene.image.height)
+    shares = [*(share for share in SMALLER if share * side >= LEAST_SIDE), 1.0]
+    thinned = [Rung(finest, shares[0], thinning) for thinning in THINNINGS]
+    larger = [Rung(finest, share, THINNINGS[-1]) for share in shares[1:2]]
+    return [*thinned, *larger, *(Rung(finest, share) for share in shares)]
 
 
 class Pacing:
-    """Running times of the rungs, in seconds, and the choice that follows from them."""
+    """What each rung costs, how fast the machine is at present, and the choice that follows from them.
+
+    What makes one rung slower or faster (zoom, tables, other programs) does so with all of them: that is the pace, in
+    seconds for a whole image, which follows all that is measured. Costs, in whole images, are what rungs are beside
+    each other: the first images after a change of rungs tell them, since the pace is known from just before.
+    """
 
     def __init__(self, images_per_second: float = IMAGES_PER_SECOND) -> None:
         self._interval = 1 / images_per_second
-        self._seconds: dict[Rung, float] = {}
+        self._pace: dict[Step, float] = {}
+        self._costs: dict[Rung, float] = {}  # that were learnt
         self._drawn: Rung | None = None  # what was measured last,
-        self._began_at = 0.0  # and its time when the others were last in proportion to it
-        self._moving = Rung(Step.A)
+        self._images = 0  # and how often in a row
+        self._hiccup = False  # whether the newest took that long alone
+        self._moving = Rung(PAPER_STEPS[-1])
 
     def measured(self, rung: Rung, seconds: float) -> None:
-        """Note the time of one image.
-
-        What makes one much slower or faster (zoom, image size, tables) does so with all, so that those not drawn
-        lately follow in proportion. What varies from image to image is no news of the others.
-        """
-        old = self._seconds.get(rung)
-        new = seconds if old is None else old + _NEWEST_WEIGHT * (seconds - old)
-        self._seconds[rung] = new
-        if rung != self._drawn:
-            self._drawn, self._began_at = rung, new
-        change = new / self._began_at
-        if not 1 / _NEWS <= change <= _NEWS:
-            for other in self._seconds.keys() - {rung}:
-                self._seconds[other] *= change
-            self._began_at = new
-        if rung.share == 1.0:  # what was slow once is not drawn again, and must not be thought slow for ever
-            for other in self._seconds.keys() - {rung}:
-                if other.step == rung.step:
-                    self._seconds[other] = min(self._seconds[other], _SLACK * _of_whole(other, new))
+        """Note the time of one image."""
+        self._images = self._images + 1 if rung == self._drawn else 1
+        self._drawn = rung
+        pace = self._pace.get(rung.step)
+        if rung.is_whole:
+            self._pace[rung.step] = seconds
+            self._forget(0.5)
+            return
+        if pace is None:
+            self._pace[rung.step] = seconds / self._cost(rung)
+            return
+        most = _HICCUP * pace * self._cost(rung)
+        self._hiccup = seconds > most and not self._hiccup
+        if self._hiccup:
+            seconds = most
+        learns = self._images <= _LEARNT and self._learns(rung, seconds / pace)
+        if not learns:
+            self._pace[rung.step] = pace + _NEWEST_WEIGHT * (seconds / self._cost(rung) - pace)
+        self._forget(_FORGOTTEN)
 
     def expected(self, rung: Rung) -> float | None:
-        """Seconds that it will take, as measured or as the same step's whole image lets expect; None if unknown."""
-        whole = self._seconds.get(Rung(rung.step))
-        return self._seconds.get(rung, None if whole is None else _of_whole(rung, whole))
+        """Seconds that it will take; None if nothing is known of its step."""
+        pace = self._pace.get(rung.step)
+        return None if pace is None else pace * self._cost(rung)
 
     @property
     def moving(self) -> Rung:
@@ -99,21 +107,44 @@ class Pacing:
         vary, and an image that changes its looks with them flickers.
         """
         rungs = ladder(scene)
-        drawn = rungs.index(self._moving) if self._moving in rungs else -1
-        self._moving = rungs[0]
-        for place, rung in enumerate(rungs):
-            seconds = self.expected(rung)
-            allowed = (1.0 if place <= drawn else _MARGIN) * (_LIT_PATIENCE if _is_smallest_lit(rungs, place) else 1.0)
-            if seconds is not None and seconds <= allowed * self._interval:
-                self._moving = rung
+        if self._moving not in rungs or self._images_learnt >= _LEAST:
+            self._moving = self._chosen(rungs)
         return self._moving
 
+    @property
+    def _images_learnt(self) -> float:
+        """How often what moves was drawn as it is now; a whole image tells all with one."""
+        if self._moving.is_whole or self._moving != self._drawn:
+            return math.inf
+        return self._images
 
-def _of_whole(rung: Rung, seconds: float) -> float:
-    """Likely seconds of an image whose step takes so many in the whole size."""
-    return seconds * (_VOXELS_SHARE / rung.every + (1 - _VOXELS_SHARE) * rung.share**2)
+    def _chosen(self, rungs: list[Rung]) -> Rung:
+        drawn = rungs.index(self._moving) if self._moving in rungs else -1
+        better = self._images_learnt >= _LEARNT
+        chosen = rungs[0]
+        for place, rung in enumerate(rungs if better else rungs[: drawn + 1]):
+            seconds = self.expected(rung)
+            if seconds is not None and seconds <= self._interval * (1.0 if place <= drawn else _MARGIN):
+                chosen = rung
+        return chosen
+
+    def _cost(self, rung: Rung) -> float:
+        return self._costs.get(rung, _likely_cost(rung))
+
+    def _learns(self, rung: Rung, cost: float) -> bool:
+        """Take in what it cost now; False if that is rather the machine's doing."""
+        known, likely = 0.0 if self._images == 1 else self._cost(rung), _likely_cost(rung)
+        mean = known + (cost - known) / self._images
+        self._costs[rung] = min(max(mean, likely / _LEARN_TO), likely * _LEARN_TO)
+        return self._costs[rung] == mean
+
+    def _forget(self, part: float) -> None:
+        """What was slow once is not drawn again, and must not be thought slow for ever."""
+        for rung, cost in self._costs.items():
+            self._costs[rung] = cost ** (1 - part) * _likely_cost(rung) ** part
 
 
-def _is_smallest_lit(rungs: list[Rung], place: int) -> bool:
-    """Whether this is the fastest way to draw all voxels by the finest step; anything coarser looks quite different."""
-    return place == next(n for n, rung in enumerate(rungs) if rung.step == rungs[-1].step and rung.octaves == 0)
+def _likely_cost(rung: Rung) -> float:
+    """In whole images."""
+    voxels = 1 / rung.thinning.one_in
+    return _VOXELS_SHARE * math.pow(voxels, _FEWER_SAVE) + (1 - _VOXELS_SHARE) * rung.share**2

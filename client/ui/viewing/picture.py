@@ -27,7 +27,7 @@ class Picture:
     outcome: StepOutcome | None  # None while the step is still being drawn
     data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
     undrawn: tuple[Rectangle, ...] = ()  # see Refinement
-    every: int = 1  # of so many of the step's voxels on each axis one was drawn, while things moved
+    one_in: int = 1  # of so many of the step's voxels one was drawn, while things moved
 
     @property
     def complete(self) -> bool:
@@ -38,6 +38,11 @@ class Picture:
         """Whether the image is as large as the scene's."""
         image = self.state.scene.image
         return (self.published.width, self.published.height) == (image.width, image.height)
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is all that its step draws."""
+        return self.in_full_size and self.one_in == 1
 
     @cached_property
     def published_in_full_size(self) -> PublishedImage:

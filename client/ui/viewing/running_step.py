@@ -22,7 +22,7 @@ def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> 
     """How far the refinement of `state` is, by the newest picture. `while_moving` is drawn of a scene not settled."""
     if picture is None or picture.state.scene != state.scene:
         return Progress(running=Step.A if state.settled else while_moving, finished=None)
-    if not picture.complete or (state.settled and not picture.in_full_size):
+    if not picture.complete or (state.settled and not picture.whole):
         return Progress(running=picture.step, finished=coarser(picture.step))
     if not state.settled:
         return Progress(running=None, finished=picture.step)

@@ -211,7 +211,7 @@ class PictureHeader(msgspec.Struct):
     revision: int
     event: int  # the tab's last that is in it
     step: Step
-    every: int  # of so many of the step's voxels on each axis one was drawn
+    one_in: int  # of so many of the step's voxels one was drawn
     complete: bool
     last: bool
     seconds: float | None
@@ -284,7 +284,7 @@ def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Paci
         revision=picture.state.revision,
         event=picture.state.events.get(tab, 0),
         step=picture.step,
-        every=picture.every,
+        one_in=picture.one_in,
         complete=picture.complete,
         last=picture.last,
         seconds=picture.outcome.wall_seconds if picture.outcome else None,

@@ -95,10 +95,13 @@ std::size_t VisibleRows::list_number(std::int64_t sheet, std::int64_t row) const
     return static_cast<std::size_t>(sheet * list_strides_[0] + row * list_strides_[1]);
 }
 
-std::ptrdiff_t VisibleRows::next_list() const { return plan_.ascending[1] ? list_strides_[1] : -list_strides_[1]; }
+std::ptrdiff_t VisibleRows::next_list() const {
+    const std::int64_t apart = plan_.visits_of(1).stride * list_strides_[1];
+    return plan_.ascending[1] ? apart : -apart;
+}
 
-// Classifies the whole row, and those that share its cache lines. False where another walker is at them, or the lists
-// are not kept after all.
+// Classifies the whole row, and those that share its cache lines, visited or not: lists outlive frames. False where
+// another walker is at them, or the lists are not kept after all.
 bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {
     const int axis = plan_.axes[2];
     const Samples samples{0, 1, box_.size[axis]};
@@ -112,7 +115,7 @@ bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {
             box_.packets + sheet * strides_[0] + row * strides_[1], static_cast<std::size_t>(samples.count), 0,
             visibility_, positions_.data(), packets_.data()));
     } else {
-        classify_columns(sheets_along_i() ? row : sheet, columns, samples);
+        classify_columns(sheets_along_i() ? row : sheet, columns, samples, lanes_of(columns, 1));
     }
 
     std::size_t found = 0;
@@ -155,7 +158,8 @@ VisibleVoxels VisibleRows::strip_row(std::int64_t sheet, std::int64_t row, std::
     if (strips_.empty()) strips_.resize(sheets_along_i() ? ordinals_[1].count() * pieces : 1);
     Strip& strip = strips_[sheets_along_i() ? row_number * pieces + piece_number : 0];
     if (strip.tag != tag) {
-        classify_columns(other, columns, {local(2, piece.begin), plan_.visits_of(2).stride, piece.count()});
+        classify_columns(other, columns, {local(2, piece.begin), plan_.visits_of(2).stride, piece.count()},
+                         lanes_of(columns, plan_.visits[0].stride));
         store(strip);
         strip.tag = tag;
     }
@@ -169,15 +173,20 @@ VisibleRows::Columns VisibleRows::columns_at(std::int64_t column) const {
     return {std::max<std::int64_t>(0, std::min(begin, size - kStripLanes)), begin, std::min(begin + kStripLanes, size)};
 }
 
-// Classifies the visited ones of some columns, whose other coordinate is that of a sheet or a row.
-void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, const Samples& samples) {
-    make_lanes(kStripLanes, samples.count);
-    const AxisVisits& visits = plan_.visits[0];
-    std::uint64_t wanted = 0;
+// A bit for each column that is visited if every so many along i are.
+std::uint64_t VisibleRows::lanes_of(const Columns& columns, std::int64_t stride) const {
+    std::uint64_t lanes = 0;
     for (std::int64_t column = columns.begin; column < columns.end; ++column) {
-        const bool visited = (column + box_.low[0] - visits.first) % visits.stride == 0;
-        wanted |= static_cast<std::uint64_t>(visited) << (column - columns.first);
+        const bool visited = (column + box_.low[0] - plan_.visits[0].first) % stride == 0;
+        lanes |= static_cast<std::uint64_t>(visited) << (column - columns.first);
     }
+    return lanes;
+}
+
+// Classifies those columns whose bit is `wanted`; their other coordinate is that of a sheet or a row.
+void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, const Samples& samples,
+                                   std::uint64_t wanted) {
+    make_lanes(kStripLanes, samples.count);
     const std::int64_t other_stride = strides_[sheets_along_i() ? 1 : 0];
     const std::uint32_t* source = box_.packets + columns.first + other * other_stride + samples.first * strides_[2];
     map_shade_kernels().classify_columns(source, strides_[2] * samples.step, static_cast<std::size_t>(samples.count),

@@ -81,7 +81,8 @@ private:
     VisibleVoxels contiguous_row(std::int64_t sheet, std::int64_t row, const Ordinals& samples);
     VisibleVoxels strip_row(std::int64_t sheet, std::int64_t row, std::int64_t row_number, const Ordinals& piece);
     Columns columns_at(std::int64_t column) const;
-    void classify_columns(std::int64_t other, const Columns& columns, const Samples& samples);
+    std::uint64_t lanes_of(const Columns& columns, std::int64_t stride) const;
+    void classify_columns(std::int64_t other, const Columns& columns, const Samples& samples, std::uint64_t wanted);
     void make_lanes(std::size_t lanes, std::int64_t longest);
     VisibleVoxels lane(std::int64_t number) const;
     void store(Strip& strip) const;

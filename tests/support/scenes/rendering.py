@@ -24,11 +24,11 @@ from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
+from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution, own_resolution
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
-from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.regions import Region
 from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
 from volsplat.splat_server.footprint_table import footprint_table
@@ -126,8 +126,9 @@ def batch_memory(batch: ShadedBatch, budget: ReadBudget) -> BatchMemory:
 class TableWeights:
     """The splat server's own footprint table, as the reference takes it (reference.render.Weights)."""
 
-    def __init__(self, scene: Scene, geometry: Geometry, step: Step) -> None:
-        shape = footprint_shape(grid_on_screen(scene, geometry), STEP_RULES[step].stride, scene.reconstruction)
+    def __init__(self, scene: Scene, geometry: Geometry, step: Step, resolution: Resolution | None = None) -> None:
+        strides = plan_frame(scene, geometry, step, resolution).strides
+        shape = footprint_shape(grid_on_screen(scene, geometry), strides, scene.reconstruction)
         self.offset_bits, self.starts, self.boxes = _table(shape)
 
     def __call__(self, samples: mapping.Samples, pixel_x: Tensor, pixel_y: Tensor) -> Tensor:

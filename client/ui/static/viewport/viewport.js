@@ -81,7 +81,7 @@ export class Viewport {
     this.#transport = transport;
     /**
      * Pictures that were drawn, newest last.
-     * @type {{number: number, revision: number, event: number, step: string, every: number, last: boolean, width: number, height: number,
+     * @type {{number: number, revision: number, event: number, step: string, one_in: number, last: boolean, width: number, height: number,
      *   shownAt: number}[]}
      */
     this.log = [];
@@ -294,8 +294,8 @@ export class Viewport {
   #onDrawn(header) {
     if (header.revision !== this.#picture?.revision) this.#marks?.value.clear();
     this.#picture = header;
-    const { number, revision, event, step, every, last, width, height } = header;
-    remember(this.log, { number, revision, event, step, every, last, width, height, shownAt: performance.now() });
+    const { number, revision, event, step, one_in, last, width, height } = header;
+    remember(this.log, { number, revision, event, step, one_in, last, width, height, shownAt: performance.now() });
     this.#contained = Math.max(this.#contained, header.event);
     this.#takeOver();
     this.#place();

@@ -203,7 +203,7 @@ export interface PictureHeader {
   revision: number;
   event: number;
   step: "A" | "B" | "C" | "D" | "E" | "F" | "G";
-  every: number;
+  one_in: number;
   complete: boolean;
   last: boolean;
   seconds: number | null;
