@@ -1,5 +1,8 @@
 """Words on pictures, by OpenImageIO and the fonts that come with it."""
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
@@ -25,8 +28,14 @@ def pixels_of(canvas: "oiio.ImageBuf") -> NDArray[np.float32]:
 
 
 def extent(text: str, size: int, font: str) -> int:
-    """The width of a text in pixels."""
-    return int(oiio.ImageBufAlgo.text_size(text, size, font).width)
+    """The width of a text in pixels. Raises VolsplatError if the font is nowhere."""
+    region = oiio.ImageBufAlgo.text_size(text, size, _found(font))
+    if not region.defined:
+        raise VolsplatError(
+            f"cannot write on a picture: there is no font {font}; install OpenImageIO again, which brings it "
+            "(pip install --force-reinstall openimageio), or leave out what is written"
+        )
+    return int(region.width)
 
 
 def write(
@@ -35,5 +44,12 @@ def write(
     """Write a line with its base line at y, smaller where there is not room enough."""
     while room is not None and size > 8 and extent(text, size, font) > room:
         size -= 1
-    if not oiio.ImageBufAlgo.render_text(canvas, x, y, text, size, font, (ink, ink, ink)):
+    if not oiio.ImageBufAlgo.render_text(canvas, x, y, text, size, _found(font), (ink, ink, ink)):
         raise VolsplatError(f"cannot write on a picture: {canvas.geterror()}")
+
+
+@cache
+def _found(font: str) -> str:
+    """The file beside the library; by its name alone it is not found if $OpenImageIO_ROOT is another installation's."""
+    file = Path(oiio.__file__).parent / "share/fonts/OpenImageIO" / f"{font}.ttf"
+    return str(file) if file.is_file() else font
