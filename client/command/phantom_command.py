@@ -23,20 +23,21 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-@helped("volsplat phantom head -o head.nrrd", "volsplat phantom shells -o shells.mha --size 256")
+HELP = f"""Make the volume NAME and write it to a file.
+
+NAME is one of {", ".join(sorted(PHANTOMS))}.
+
+NRRD is written while it is made, in little memory, whatever the size.
+"""
+
+
+@helped("volsplat phantom head -o head.nrrd", "volsplat phantom shells -o shells.mha --size 256", text=HELP)
 @click.argument("name", metavar="NAME", type=Words(sorted(PHANTOMS)))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
 @click.option("--size", metavar="N|IxJxK", help="Voxels along each axis, as 256 or 48x64x56.")
 @click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
 @click.option("--seed", type=int, default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
-    """Make the volume NAME and write it to a file.
-
-    NAME is one of galaxy, head, marschner-lobb, p-orbital, protein, ramp, rna, seismic, shells, slab,
-    structure-factors.
-
-    NRRD is written while it is made, in little memory, whatever the size.
-    """
     check_volume_writable(output)
     made = streamed_phantom(
         name,
