@@ -15,13 +15,13 @@ from volsplat.mapshade_server.held.slabs import PassedBox, slab_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import (
     check_still,
+    checked_volume,
     described_store,
     described_volume,
     identified_store,
     identified_volume,
 )
 from volsplat.mapshade_server.parts_ahead import PartsAhead
-from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.program.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
@@ -127,7 +127,7 @@ class HeldVolume:
         """From the volume that was lent to others, if it is that, which is let go; else from the file."""
         started = time.perf_counter()
         loan = self._lent if self._lent_for == request.assignment else None
-        reader: VolumeReader = loan or described_volume(request.path, request.identity)
+        reader, check = (loan, _unchanged) if loan else checked_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
         if not self.assignment and self._quantisation and self._surveyed and self._surveyed.answers(request):
@@ -139,13 +139,12 @@ class HeldVolume:
         if not request.held:
             slabs = slab_reader(reader)
             self._passed = [PassedBox(slabs, box) for box in request.boxes]
-            self._passed_by = lambda: check_still(request.path, reader, description, request.identity)
+            self._passed_by = check
             return [self._read(self._passed, request.assignment, started)]
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]
         for sub_cube in sub_cubes:
             sub_cube.read(reader)
-        if loan is None:
-            check_still(request.path, reader, description, request.identity)
+        check()
         self._levels, self._identity = {0: sub_cubes}, request.identity
         read = self._read(sub_cubes, request.assignment, started)
         self._surveyed = Surveyed(request, read) if loan is None else None
@@ -339,6 +338,10 @@ class HeldVolume:
             seconds=time.perf_counter() - started,
         )
         return Answer(packed)
+
+
+def _unchanged() -> None:
+    """What was lent is in memory."""
 
 
 HANDLERS = handlers(HeldVolume)

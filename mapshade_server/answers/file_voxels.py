@@ -9,7 +9,12 @@ from typing import Any
 
 from volsplat.mapshade_server.answers.volume_answers import Answer, check_within
 from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import (
+    OpenedVolume,
+    SecondScalarReader,
+    VolumeReader,
+    Voxels,
+)
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Index, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
@@ -23,7 +28,7 @@ LEAST_LEFT = 8  # times as much memory as a file takes that is kept as a whole
 class _Opened:
     path: str
     identity: VolumeIdentity
-    reader: VolumeReader
+    reader: OpenedVolume
     whole: list[Voxels] | None = None  # both scalars, once they are here, of a volume that only comes whole
 
     def is_of(self, request: ReadVoxel) -> bool:

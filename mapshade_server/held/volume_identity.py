@@ -16,7 +16,8 @@ from urllib.parse import unquote
 
 from volsplat.mapshade_server.held.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
-from volsplat.mapshade_server.readers.reading.volume_files import Span, VolumeFile, files_of
+from volsplat.mapshade_server.readers.reading.volume_files import OfFiles, Span, VolumeFile, files_of
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.description.volume_name import volume_name
@@ -31,10 +32,10 @@ DIGEST_BYTES = 16
 _Found = TypeVar("_Found")
 
 
-def identified_volume(volume: str) -> tuple[VolumeReader, VolumeIdentity]:
+def identified_volume(volume: str) -> tuple[OpenedVolume, VolumeIdentity]:
     """A volume's reader, and the identity of what it has opened. Raises BadInput."""
 
-    def look() -> tuple[VolumeReader, VolumeIdentity]:
+    def look() -> tuple[OpenedVolume, VolumeIdentity]:
         reader = open_volume(volume)
         return reader, identity_of(volume, reader, reader.describe())
 
@@ -51,11 +52,17 @@ def identified_store(place: str) -> tuple[PacketStore, VolumeIdentity]:
     return _unchanged(place, look)
 
 
-def described_volume(volume: str, described: VolumeIdentity) -> VolumeReader:
+def described_volume(volume: str, described: VolumeIdentity) -> OpenedVolume:
     """The reader of the volume that was described. Raises BadInput if there is another one by now."""
     reader, identity = identified_volume(volume)
     check_identity(volume, identity, described)
     return reader
+
+
+def checked_volume(volume: str, described: VolumeIdentity) -> tuple[VolumeReader, Callable[[], None]]:
+    """As `described_volume`, with what raises BadInput if the volume was changed since."""
+    opened = described_volume(volume, described)
+    return opened, lambda: check_still(volume, opened, opened.describe(), described)
 
 
 def described_store(place: str, described: VolumeIdentity) -> PacketStore:
@@ -65,12 +72,12 @@ def described_store(place: str, described: VolumeIdentity) -> PacketStore:
     return store
 
 
-def check_still(volume: str, opened: object, description: VolumeDescription, described: VolumeIdentity) -> None:
+def check_still(volume: str, opened: OfFiles, description: VolumeDescription, described: VolumeIdentity) -> None:
     """Raises BadInput if the volume was changed while it was read."""
     check_identity(volume, identity_of(volume, opened, description), described)
 
 
-def identity_of(volume: str, opened: object, description: VolumeDescription) -> VolumeIdentity:
+def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) -> VolumeIdentity:
     """The identity of what is `opened` by this name now. Raises BadInput if its files cannot be looked at."""
     name = volume_name(volume)
     place = unquote(name.place.removeprefix(LOCAL_URL)) if name.place.startswith(LOCAL_URL) else name.place

@@ -47,14 +47,18 @@ def disk_files(paths: Sequence[Path]) -> tuple[DiskFile, ...]:
     return tuple(DiskFile(path) for path in dict.fromkeys(paths))
 
 
-def files_of(opened: object, path: Path) -> Sequence[VolumeFile]:
-    """The files of a volume that is `opened` by this name, the one with the header first.
+class OfFiles(Protocol):
+    """A volume that has been opened, as far as its files go."""
 
-    A reader of others than the named file, or than all below a folder but for the hidden ones that systems leave there,
-    gives them as `files`.
-    """
-    told: Sequence[VolumeFile] = getattr(opened, "files", ())
-    return told or _files_at(path)
+    @property
+    def files(self) -> Sequence[VolumeFile]:
+        """The one with the header first. None if they are the named file, or all below a folder but for hidden ones."""
+        ...
+
+
+def files_of(opened: OfFiles, path: Path) -> Sequence[VolumeFile]:
+    """The files of a volume that is `opened` by this name, the one with the header first."""
+    return opened.files or _files_at(path)
 
 
 def _files_at(path: Path) -> tuple[DiskFile, ...]:
