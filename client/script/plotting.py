@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 import warnings
@@ -12,6 +13,7 @@ from volsplat.client.caller.arguments import checked_scene, checked_step
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
+from volsplat.client.memory.array_volume import Volume
 from volsplat.client.scene.presets import PRESETS, Preset, preset_scene
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
@@ -186,6 +188,13 @@ def _exported(
 
 
 def _scene(volume: SurveyedVolume, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Scene:
+    for key in changes:
+        if key == "preset":
+            raise BadInput(
+                f"a preset is given as the scene: scene={changes[key]!r} in place of preset={changes[key]!r}"
+            )
+        if key in inspect.signature(Volume).parameters:
+            raise BadInput(f"{key}= is of the volume, not of its scene: vs.Volume(array, {key}={changes[key]!r})")
     if scene is None:
         base = volume.default_scene()
     else:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -17,6 +18,7 @@ import torch
 from PIL import Image
 
 import volsplat as vs
+from support.checkout import ROOT
 from support.patience import PATIENCE, wait_until
 from volsplat.client.image.image_file import read_scene
 
@@ -122,3 +124,22 @@ def in_script(folder: Path, code: str) -> str:
         said, complaint = script.communicate(timeout=PATIENCE)
     assert (script.returncode, complaint) == (0, "")
     return said
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"kind": "MR"}, r"kind= is of the volume, not of its scene: vs\.Volume\(array, kind='MR'\)"),
+        ({"spacing": (1, 1, 2)}, r"vs\.Volume\(array, spacing=\(1, 1, 2\)\)"),
+        ({"preset": "ct-bone"}, "a preset is given as the scene: scene='ct-bone'"),
+    ],
+)
+def test_what_is_no_key_of_a_scene_is_told_where_it_belongs(changes: dict[str, Any], told: str) -> None:
+    with pytest.raises(vs.BadInput, match=told):
+        vs.render(BALL, **changes)
+
+
+def test_the_page_of_every_name_has_every_name() -> None:
+    page = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\.\. (?:auto|py:)\w+:: (?:volsplat\.)?(\w+)$", page, re.MULTILINE)
+    assert sorted(set(listed) - {"volsplat"}) == sorted(vs.__all__)
