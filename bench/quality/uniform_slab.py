@@ -42,7 +42,9 @@ def slab_findings(views: int, distances: Sequence[float]) -> Findings:
         Row("greatest less least", spread, Goal(f"G within {GOAL:g}", spread[STEP_G] <= GOAL)),
         Row("mean", mean),
     ]
-    caption = f"From {views} directions: the optical depth over the whole image, as a share of that of the slab."
+    caption = (
+        f"From {views} directions: the optical depth over the whole image, as a share of that of the phantom `slab`."
+    )
     return findings("Uniform slab", "brightness", "", rows, caption)
 
 

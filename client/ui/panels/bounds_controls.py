@@ -39,7 +39,7 @@ def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str
 
     def slid(scene: Scene, position: dict[str, int]) -> Scene:
         low, high = int(position["min"]), int(position["max"])
-        if low == high:  # a slab of one voxel at least
+        if low == high:  # one voxel at least
             low, high = (low, high + 1) if low < end else (low - 1, high)
         return bounded(bounded(scene, geometry, axis, low=0, high=end), geometry, axis, low=low, high=high)
 

@@ -36,7 +36,7 @@ const LIST = [
   ["Ctrl drag", "roll"],
   ["Shift drag, right drag", "move"],
   ["drag a handle", "cut"],
-  ["Shift drag a handle", "move the slab"],
+  ["Shift drag a handle", "move both ends of the bounds"],
   ["one finger", "turn"],
   ["two fingers", "zoom, move"],
   ["wheel", "zoom to the pointer"],
