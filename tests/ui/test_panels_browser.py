@@ -574,17 +574,17 @@ def test_at_rest_the_image_refines_to_g_if_that_is_asked_for(tab: Tab) -> None:
     assert (
         " s)" in (title := tab.page.locator('.vs-step[data-step="G"]').get_attribute("title") or "") or "ms)" in title
     )
+    seen = tab.scene.view
     tab.button("roll left", "view").click()
-    tab.page.locator('.vs-step[data-step="G"]:not(.vs-done)').wait_for()
-    tab.page.locator('.vs-step[data-step="G"].vs-done').wait_for()
+    tab.until(lambda state: state.scene.view != seen and state.finished == Step.G)
     tab.page.wait_for_function("() => document.querySelectorAll('.vs-step.vs-done').length === 7")
 
 
 def test_one_click_shows_the_papers_order_and_another_the_fastest(tab: Tab) -> None:
-    press = tab.page.get_by_role("button", name="paper’s order")
+    press = tab.page.get_by_role("button", name="always back to front")
     press.click()
     tab.becomes(lambda scene: scene.order, Order.BACK_TO_FRONT)
-    tab.page.get_by_text("forms back to front").wait_for()
+    tab.page.get_by_text("drawn back to front").wait_for()
     press.click()
     tab.becomes(lambda scene: scene.order, Order.FASTEST)
 

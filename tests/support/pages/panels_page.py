@@ -2,8 +2,8 @@
 
     python -m support.pages.panels_page VOLUME
 
-It prints its address. `/` holds the panels; `/state` tells the session's scene as JSON, whether it is settled, and
-how often it was changed; `/again` makes the scene what it was at the beginning
+It prints its address. `/` holds the panels; `/state` tells the session's scene as JSON, whether it is settled, which
+step of it is finished, and how often it was changed; `/again` makes the scene what it was at the beginning
 and tells its revision, which the panels show as soon as they show that scene.
 """
 
@@ -28,9 +28,10 @@ from volsplat.client.ui.panels.scene_panels import scene_panels
 from volsplat.client.ui.panels.servers_panel import servers_panel
 from volsplat.client.ui.panels.steps_bar import steps_bar
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
+from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Image, Scene
+from volsplat.protocol.description.scene import Image, Scene, Step
 
 UNUSED_SECONDS = 3600  # a connection; who asks again just when it is closed gets no answer
 
@@ -40,6 +41,7 @@ UNSEEN = Image(width=64, height=48)  # small, so that servers are soon done with
 class State(msgspec.Struct):
     scene: Scene
     settled: bool
+    finished: Step | None
     revision: int
     unsettled: list[str]  # panels that a person has dragged in
 
@@ -73,7 +75,8 @@ def application(viewing: Viewing) -> FastAPI:
 
     async def state() -> Response:
         now = viewing.model.now
-        return Response(msgspec.json.encode(State(now.scene, now.settled, now.revision, sorted(unsettled))))
+        done = progress(viewing.pictures.newest, now, viewing.loop.pacing.moving.step).finished
+        return Response(msgspec.json.encode(State(now.scene, now.settled, done, now.revision, sorted(unsettled))))
 
     async def again() -> int:
         viewing.image_size.follows_window = True
