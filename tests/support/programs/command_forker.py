@@ -128,6 +128,7 @@ def _status_of(words: list[str]) -> int:
     try:
         if words[0] == "-m":
             sys.argv = words[1:]
+            sys.modules.pop(words[1], None)  # runpy warns of a module that has been loaded
             runpy.run_module(words[1], run_name="__main__", alter_sys=True)
         else:
             sys.argv = ["volsplat", *words]
