@@ -49,6 +49,27 @@ def panels(page: Page) -> tuple[Locator, Locator]:
     return page.locator(".vs-left"), page.locator(".vs-right")
 
 
+@pytest.mark.parametrize("width", [360, 390, 599, 600, 899])
+def test_the_head_of_a_small_window_has_two_lines_and_nothing_in_it_is_cut_off(
+    browser: Browser, view: Viewed, width: int
+) -> None:
+    with small_page(browser, view, (width, 700)) as page:
+        boxes = page.evaluate(
+            """() => [...document.querySelectorAll(".vs-head > *, .vs-drawer-button, .vs-step, .vs-order > *")]
+                .map((part) => part.getBoundingClientRect()).filter((box) => box.width > 0 && box.height > 0)
+                .map((box) => [box.left, box.right, box.top, box.bottom])"""
+        )
+        lines: list[tuple[float, float]] = []  # what parts beside each other reach from and to
+        for _, _, top, bottom in sorted(boxes, key=lambda box: box[2]):
+            if lines and top < lines[-1][1] - 1:
+                lines[-1] = (lines[-1][0], max(bottom, lines[-1][1]))
+            else:
+                lines.append((top, bottom))
+        assert len(lines) == 2, boxes
+        assert all(0 <= left and right <= width for left, right, *_ in boxes)
+        assert page.evaluate("() => document.documentElement.scrollWidth") == width
+
+
 @pytest.mark.parametrize("size", [TELEPHONE, TABLET], ids=["telephone", "tablet"])
 def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(
     browser: Browser, view: Viewed, size: tuple[int, int]
