@@ -206,8 +206,13 @@ class FrameWalk:
         walkers: int,
         limits: tuple[int, int],
     ) -> None:
-        """`regions` are lines, half open; `limits` are the packets and voxels of a source's batch."""
+        """`regions` are lines, half open; `limits` are the packets and voxels of a source's batch.
 
+        `walkers` take turns; or, with 0, each region has one of its own, whose batches have one part.
+        """
+
+    @property
+    def walkers(self) -> int: ...
     def walker(self, number: int) -> Walker:
         """It keeps the walk alive, but its source does not."""
 
@@ -242,8 +247,13 @@ class SlabWalk:
         walkers: int,
         limits: tuple[int, int],
     ) -> None:
-        """`groups` are their count, how many planes before plane 0 they begin, and before a voxel's it may reach."""
+        """`groups` are their count, how many planes before plane 0 they begin, and before a voxel's it may reach.
 
+        `walkers` are as a FrameWalk's.
+        """
+
+    @property
+    def walkers(self) -> int: ...
     def walker(self, number: int) -> Walker:
         """It keeps the walk alive, but its source does not."""
 

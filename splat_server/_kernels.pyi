@@ -173,6 +173,8 @@ class Owners:
     ) -> SplatFrame:
         """Begin a frame on the image, which must be clear.
 
+        It has `sources` that are pushed, or `walks`, one for each region.
+
         `block` is memory that its regions are published in as they become complete, as `published` has them; nobody
         else may write to it until then. Raises RuntimeError where a thread cannot be started.
         """

@@ -71,7 +71,7 @@ class FrameAssembly:
         block: memoryview | None = None,
         traced: bool = False,
     ) -> None:
-        """Have the owners splat what is pushed for these regions, and what `walks`, the first sources, hand out.
+        """Have the owners splat what so many `sources` push for these regions, or what a walk for each hands out.
 
         `news` rings once the frame is complete or has failed, or has gone on since it was last asked how far it is;
         `all_wait` when all regions wait for something to be pushed. The image is published in `block`, of

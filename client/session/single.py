@@ -65,8 +65,6 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.program.available_memory import available_memory
-from volsplat.program.peak_memory import peak_memory
-from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages import messages
@@ -107,7 +105,7 @@ class SingleProcess:
     ) -> None:
         """Read and survey the volume. Raises BadInput.
 
-        Each of the `threads` owns a region of the image, and walks a part of the volume.
+        Each of the `threads` owns a region of the image, and walks what of the volume reaches it.
         `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
         `trace`: see Session.
         """
@@ -304,10 +302,9 @@ class SingleProcess:
             request.plan,
             assembly.closed_tiles,
             request.regions,
-            self._threads,
-            handed_over=False,
+            walkers=None,
         )
-        assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers, traced=self._tracer is not None)
+        assembly.begin(request.regions, 0, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return request, assembly
 
     def _lit(self, request: messages.RenderFrame, scene: Scene) -> messages.RenderFrame:
@@ -321,6 +318,7 @@ class SingleProcess:
     ) -> FrameOutcome:
         """What it took; of the threads the one is told that had most to do."""
         owned, walked = assembly.slowest_owner, assembly.splat.walked
+        splat = assembly.stats(walked.bytes, planning, frame)
         walk = messages.MapShadeStats(
             voxels_visited=walked.voxels,
             packets=walked.packets,
@@ -332,10 +330,9 @@ class SingleProcess:
             coding_seconds=0.0,
             sending_seconds=0.0,
             waiting_seconds=0.0,
-            peak_memory_bytes=peak_memory(),
-            machine=this_machine(),
+            peak_memory_bytes=splat.peak_memory_bytes,
+            machine=splat.machine,
         )
-        splat = assembly.stats(walked.bytes, planning, frame)
         self._shares.measured(request, {WORKER: splat})
         return FrameOutcome({WORKER: walk}, {WORKER: splat}, level=request.level, why_level=self.why_level)
 

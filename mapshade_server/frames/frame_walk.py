@@ -69,8 +69,7 @@ class FrameWalk:
         plan: FramePlan,
         closed_tiles: "_kernels.Array | None" = None,
         regions: Sequence[Region] = (),
-        walkers: int = 1,
-        handed_over: bool = True,
+        walkers: int | None = 1,
     ) -> None:
         """Start at the first sample.
 
@@ -82,8 +81,9 @@ class FrameWalk:
         Of a frame of slabs voxels are handed out unshaded (see packet_layout). Raises ValueError for sub-cubes that are
         too long for it.
 
-        `regions` are those of the plan's lines; without any the image is one. A batch has a part for each. Unless
-        batches are `handed_over` to another process, they are small.
+        `regions` are those of the plan's lines; without any the image is one. `walkers` take turns, and a batch has a
+        part for each region; or, with None, each region has a walker, whose batches have that one part and are small,
+        for its owner in the same process.
         """
         if plan.slabs is not None:
             max_packets = SLAB_PACKETS
@@ -91,11 +91,11 @@ class FrameWalk:
                 sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers
             )
         else:
-            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if handed_over else STEP_PACKETS
+            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if walkers else STEP_PACKETS
             walk = _sheet_walk(
                 sub_cubes, geometry, quantisation, shading, plan, closed_tiles, regions, walkers, max_packets
             )
-        self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walkers)]
+        self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walk.walkers)]
 
 
 def _sheet_walk(
@@ -106,7 +106,7 @@ def _sheet_walk(
     plan: FramePlan,
     closed_tiles: "_kernels.Array | None",
     regions: Sequence[Region],
-    walkers: int,
+    walkers: int | None,
     max_packets: int,
 ) -> _kernels.FrameWalk:
     """Sheet by sheet, shaded."""
@@ -139,7 +139,7 @@ def _sheet_walk(
         ],
         closed_tiles=closed_tiles if plan.hides else None,
         regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
-        walkers=walkers,
+        walkers=walkers or 0,
         limits=(max_packets, DEFAULT_VOXELS),
     )
 
@@ -152,7 +152,7 @@ def _slab_walk(
     slabs: SlabShape,
     closed_tiles: "_kernels.Array | None",
     regions: Sequence[Region],
-    walkers: int,
+    walkers: int | None,
 ) -> _kernels.SlabWalk:
     """By groups of planes from the front, unshaded: the voxels that slabs take."""
     return _kernels.SlabWalk(
@@ -173,7 +173,7 @@ def _slab_walk(
         overshoot=(slabs.overshoot, slabs.overshoot / LEAST_KNOWN),
         closed_tiles=closed_tiles,
         regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
-        walkers=walkers,
+        walkers=walkers or 0,
         limits=(SLAB_PACKETS, DEFAULT_VOXELS),
     )
 

@@ -58,7 +58,7 @@ def restored_cpu_paths() -> Iterator[None]:
     order=st.sampled_from(TRAVERSAL_ORDERS),
     step=st.sampled_from((Step.A, Step.B, Step.C, Step.F, Step.G)),
     threads=st.sampled_from((1, 2, 5)),
-    walkers=st.sampled_from((1, 3)),
+    walkers=st.sampled_from((1, 3, None)),
     shadows=st.sampled_from((0.0, 0.8)),
     slab_kernel=st.sampled_from((SlabKernel.KAISER_BESSEL, SlabKernel.CRISP, SlabKernel.QUASI_INTERPOLATING)),
 )
@@ -75,7 +75,7 @@ def test_image_is_the_same_for_any_partition_batches_arrival_regions_and_threads
     order: Order,
     step: Step,
     threads: int,
-    walkers: int,
+    walkers: int | None,
     shadows: float,
     slab_kernel: SlabKernel,
 ) -> None:

@@ -56,7 +56,12 @@ def held_as(geometry: Geometry, values: torch.Tensor, boxes: list[Box]) -> list[
 
 
 def walk_of(
-    held: list[SubCube], scene: Scene, plan: FramePlan, regions: list[Region], walkers: int, tiles: object = None
+    held: list[SubCube],
+    scene: Scene,
+    plan: FramePlan,
+    regions: list[Region],
+    walkers: int | None,
+    tiles: object = None,
 ) -> FrameWalk:
     shading = shading_rule(scene, plan.step)
     return FrameWalk(held, held[0].geometry, PLAIN, shading, plan, tiles, regions, walkers)  # type: ignore[arg-type]
@@ -132,6 +137,26 @@ def test_regions_get_what_makes_up_their_lines(
     assert visited(parts) == visited(whole)
 
 
+@given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from((*PAPER_STEPS, Step.G)))
+def test_a_regions_own_walker_delivers_what_all_walkers_do_for_it(
+    data: st.DataObject, geometry: Geometry, step: Step
+) -> None:
+    size = Image(width=data.draw(st.integers(1, 90)), height=data.draw(st.integers(1, 90)))
+    scene = data.draw(shaded_scenes(geometry, size))
+    held = held_as(geometry, data.draw(volumes(geometry)), data.draw(partitions(geometry)))
+    plan = plan_frame(scene, geometry, step)
+    regions, most = data.draw(regions_of(plan.height)), data.draw(st.sampled_from((20, 1000)))
+    together = delivered(walk_of(held, scene, plan, regions, 2), most)
+    own = delivered(walk_of(held, scene, plan, regions, None), most)
+    assert len(own) == len(regions)
+    for number, batches in enumerate(own):
+        assert placed(batches) == sorted(placed_by_all(together, number))
+
+
+def placed_by_all(of_walkers: list[list[ShadedBatch]], region: int) -> list[Placed]:
+    return [one for sent in of_walkers for one in placed(sent, region)]
+
+
 def visited(of_walkers: list[list[ShadedBatch]]) -> int:
     return sum(batch.voxels_visited for batches in of_walkers for batch in batches)
 
@@ -190,6 +215,18 @@ def test_walkers_have_as_much_to_do(axis: str, step: Step) -> None:
         assert busiest < 1.2 * visited(of_walkers) / walkers
 
 
+def test_a_regions_own_walker_visits_little_beyond_it() -> None:
+    geometry = Geometry((LARGE, LARGE, LARGE))
+    held = held_as(geometry, torch.ones(geometry.dims), [geometry.box])
+    scene = plain_scene(view=View(rotation=quaternion_to((0.3, 0.2, 1.0)), zoom=1.5), size=(256, 256))
+    plan = plan_frame(scene, geometry, Step.F)
+    whole = visited(delivered(walk_of(held, scene, plan, [], 1), 1 << 16))
+    regions = [Region(1, line, line + 64) for line in range(0, plan.height, 64)]
+    for batches in delivered(walk_of(held, scene, plan, regions, None), 1 << 16):
+        assert visited([batches]) < 0.45 * whole
+    assert visited(delivered(walk_of(held, scene, plan, regions, None), 1 << 16)) < 1.4 * whole
+
+
 @pytest.mark.parametrize("axis", TOWARDS)
 def test_walkers_share_the_lists_of_rows(axis: str) -> None:
     geometry = Geometry((LARGE, LARGE, LARGE))
@@ -214,8 +251,37 @@ def test_closed_tiles_hide_from_all_walkers() -> None:
     plan = plan_frame(scene, geometry, Step.F)
     tiles = new_tile_map(plan.width, plan.height)
     tiles.cast("B")[:] = b"\xff" * tiles.nbytes
-    for batches in delivered(walk_of(held, scene, plan, [], 3, tiles), 100):
-        assert merged([batches]) == []
+    for walkers in (3, None):
+        for batches in delivered(walk_of(held, scene, plan, [], walkers, tiles), 100):
+            assert merged([batches]) == []
+
+
+def test_what_is_open_elsewhere_hides_nothing_less_from_a_regions_own_walker() -> None:
+    side, size, edge = 24, 96, 48
+    geometry = Geometry((side, side, side))
+    held = held_as(geometry, torch.ones(geometry.dims), [geometry.box])
+    scene = plain_scene(view=View(zoom=4.0), size=(size, size), order=Order.FRONT_TO_BACK)
+    plan = plan_frame(scene, geometry, Step.F)
+    tiles = new_tile_map(plan.width, plan.height)
+    half = tiles.nbytes // 2
+    tiles.cast("B")[half:] = b"\xff" * (tiles.nbytes - half)
+    regions = [Region(1, 0, edge), Region(1, edge, size)]
+    above, below = delivered(walk_of(held, scene, plan, regions, None, tiles), 100)
+    assert merged([below]) == []
+    assert merged([above]) == merged(delivered(walk_of(held, scene, plan, regions, 1), 100))
+
+
+def test_a_frame_has_a_walk_for_each_region_or_none() -> None:
+    geometry = Geometry((8, 8, 8))
+    held, scene = held_as(geometry, torch.ones(8, 8, 8), [geometry.box]), plain_scene(size=(96, 96))
+    plan = plan_frame(scene, geometry, Step.F)
+    regions = [Region(1, 0, 40), Region(1, 40, 96)]
+    walks = walk_of(held, scene, plan, regions, None).walkers
+    with owners(2) as made:
+        assembly = FrameAssembly(made, plan, frame=1)
+        for sources, some in ((0, walks[:1]), (2, walks)):
+            with pytest.raises(ValueError, match="a walk for each region"):
+                assembly.begin(regions, sources, Bell(), walks=some)
 
 
 @pytest.mark.parametrize("lines", [[(0, 90)], [(0, 70), (70, 96)], [(0, 32), (40, 96)], [(0, 64), (64, 32), (32, 96)]])

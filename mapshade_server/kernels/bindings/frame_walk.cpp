@@ -82,6 +82,7 @@ public:
                     std::optional<TileArray> closed_tiles, const std::vector<std::array<std::int64_t, 2>>& regions,
                     std::int64_t walkers, const std::array<std::int64_t, 2>& limits);
 
+    std::size_t walkers() const { return walkers_.size(); }
     BatchWalker& walker(std::size_t number) { return *walkers_.at(number); }
 
 private:
@@ -147,11 +148,10 @@ PythonFrameWalk::PythonFrameWalk(
         packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
     }
     const std::vector<Lines> lines = regions_of(regions, plan.height);
-    if (walkers < 1) throw std::invalid_argument("somebody must walk");
     walk_ =
         std::make_unique<FrameWalk>(plan, tables, packet_boxes, lines, closed_tiles_ ? closed_tiles_->data() : nullptr,
                                     walkers, limits_of(limits[0], limits[1]));
-    for (std::int64_t n = 0; n < walkers; ++n) walkers_.push_back(std::make_unique<Walker>(*walk_, n));
+    for (std::int64_t n = 0; n < walk_->parts.count(); ++n) walkers_.push_back(std::make_unique<Walker>(*walk_, n));
 }
 
 }  // namespace
@@ -176,6 +176,7 @@ void bind_frame_walk(nb::module_& m) {
              "thresholds"_a, "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a,
              "visibility"_a, "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a,
              "limits"_a)
+        .def_prop_ro("walkers", &PythonFrameWalk::walkers)
         .def("walker", &PythonFrameWalk::walker, "number"_a, nb::rv_policy::reference_internal);
 }
 

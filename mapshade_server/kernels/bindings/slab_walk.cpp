@@ -68,7 +68,6 @@ public:
                             count};
         closed_tiles_ = std::move(closed_tiles);
         if (closed_tiles_) check_tiles(*closed_tiles_, plan.walk);
-        if (walkers < 1) throw std::invalid_argument("somebody must walk");
         const std::vector<Lines> lines = regions_of(regions, plan.walk.height);
         Need need{{}, neighbourhood_of(look), neighbourhood_of(spread), overshoot[0], overshoot[1], {}, {}};
         std::memcpy(need.visible.data(), visible.data(), sizeof(need.visible));
@@ -87,9 +86,11 @@ public:
         walk_ =
             std::make_unique<SlabWalk>(plan, std::move(needed), lines, closed_tiles_ ? closed_tiles_->data() : nullptr,
                                        walkers, limits_of(limits[0], limits[1]));
-        for (std::int64_t n = 0; n < walkers; ++n) walkers_.push_back(std::make_unique<SlabWalker>(*walk_, n));
+        for (std::int64_t n = 0; n < walk_->parts.count(); ++n)
+            walkers_.push_back(std::make_unique<SlabWalker>(*walk_, n));
     }
 
+    std::size_t walkers() const { return walkers_.size(); }
     BatchWalker& walker(std::size_t number) { return *walkers_.at(number); }
 
 private:
@@ -115,6 +116,7 @@ void bind_slab_walk(nb::module_& m) {
              "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "depth"_a, "image"_a, "reach"_a, "groups"_a,
              "dims"_a, "visible"_a, "look"_a, "spread"_a, "overshoot"_a, "closed_tiles"_a.none(), "regions"_a,
              "walkers"_a, "limits"_a)
+        .def_prop_ro("walkers", &PythonSlabWalk::walkers)
         .def("walker", &PythonSlabWalk::walker, "number"_a, nb::rv_policy::reference_internal);
 }
 

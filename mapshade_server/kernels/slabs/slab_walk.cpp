@@ -39,33 +39,32 @@ std::vector<NeededBox> sorted(std::vector<NeededBox> boxes, const WalkPlan& plan
 }  // namespace
 
 SlabWalk::SlabWalk(const SlabPlan& plan_, std::vector<NeededBox> boxes_, const std::vector<Lines>& regions_,
-                   const std::uint64_t* closed_tiles_, std::int64_t walkers_, const BatchLimits& limits_)
+                   const std::uint64_t* closed_tiles_, std::int64_t walkers, const BatchLimits& limits_)
     : plan(plan_),
       boxes(sorted(std::move(boxes_), plan.walk)),
       regions(regions_, plan.walk),
-      reach(sample_reach(plan.walk)),
-      closed_tiles(closed_tiles_ ? std::make_unique<ClosedTiles>(closed_tiles_, plan.walk, walkers_) : nullptr),
-      walkers(walkers_),
+      reach_x(sample_reach(plan.walk).x),
+      parts(plan.walk, regions_, regions, walkers, closed_tiles_),
       limits(limits_) {}
 
 SlabWalker::SlabWalker(const SlabWalk& walk, std::int64_t number)
     : BatchWalker(walk.limits),
       walk_(walk),
       plan_(walk.plan.walk),
-      number_(number),
+      part_(walk.parts.of(number)),
       counts_{plan_.visits_of(0).count, plan_.visits_of(1).count, plan_.visits_of(2).count},
       x_(line_of(plan_.x)),
       y_(line_of(plan_.y)),
       depth_(line_of(walk.plan.depth)) {
-    finished_ = walk_.boxes.empty() || !find_rows();
+    finished_ = walk_.boxes.empty() || part_.places.least > part_.places.greatest || !find_rows();
 }
 
 void SlabWalker::next_batch(const BatchLimits& limits, Batch& batch) {
-    batch.begin(walk_.regions.count());
+    batch.begin(walk_.parts.batch_parts());
     delivered_ = 0;
     while (!finished_ && delivered_ < limits.packets && batch.voxels_visited < limits.voxels) {
         const std::int64_t turn = row_number() / kTurnRows;
-        if (turn % walk_.walkers == number_) batch.voxels_visited += walk_row(batch);
+        if (turn % walk_.parts.taking_turns() == part_.turn) batch.voxels_visited += walk_row(batch);
         if (++row_ == row_end_) finished_ = !find_rows();
     }
     batch.last = finished_;
@@ -102,13 +101,15 @@ std::int64_t SlabWalker::row_number() const { return (block_ * counts_[0] + shee
 
 // Moves on to the next sheet's rows that may have any of a group's voxels.
 bool SlabWalker::find_rows() {
-    const std::int64_t across = (counts_[2] - 1) * depth_.steps[2];
+    const std::int64_t across = (counts_[2] - 1) * depth_.steps[2], along = (counts_[2] - 1) * y_.steps[2];
     do {
         const Window depths = window(group_);
         while (++sheet_ < sheet_end_) {
             Range rows{block_ * kBlockRows, std::min((block_ + 1) * kBlockRows, counts_[1])};
             narrow(depth_.at(sheet_, 0, 0), depth_.steps[1], depths.low - std::max<std::int64_t>(0, across),
                    depths.high - std::min<std::int64_t>(0, across), rows.begin, rows.end);
+            narrow(y_.at(sheet_, 0, 0), y_.steps[1], part_.places.least - std::max<std::int64_t>(0, along),
+                   part_.places.greatest - std::min<std::int64_t>(0, along), rows.begin, rows.end);
             if (rows.begin >= rows.end) continue;
             row_ = rows.begin, row_end_ = rows.end;
             return true;
@@ -141,10 +142,9 @@ std::int64_t SlabWalker::walk_row(Batch& batch) {
     const Window depths = window(group_);
     Range samples{0, counts_[2]};
     narrow(depth_.at(sheet_, row_, 0), depth_.steps[2], depths.low, depths.high, samples.begin, samples.end);
-    narrow(x_.at(sheet_, row_, 0), x_.steps[2], -walk_.reach.x, (plan_.width - 1) * kPixel + walk_.reach.x,
+    narrow(x_.at(sheet_, row_, 0), x_.steps[2], -walk_.reach_x, (plan_.width - 1) * kPixel + walk_.reach_x,
            samples.begin, samples.end);
-    narrow(y_.at(sheet_, row_, 0), y_.steps[2], -walk_.reach.y, (plan_.height - 1) * kPixel + walk_.reach.y,
-           samples.begin, samples.end);
+    narrow(y_.at(sheet_, row_, 0), y_.steps[2], part_.places.least, part_.places.greatest, samples.begin, samples.end);
     if (samples.begin >= samples.end) return kRowCost;
     for (const NeededBox& box : walk_.boxes) deliver(box, samples, batch);
     return kRowCost + samples.end - samples.begin;
@@ -172,7 +172,7 @@ void SlabWalker::deliver(const NeededBox& box, const Range& samples, Batch& batc
 // Some neighbours at a time. `sample_at_0` is that at position 0.
 void SlabWalker::leave_out_hidden(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0,
                                   Batch& batch) {
-    if (!walk_.closed_tiles) return cut_into_regions(begin, end, sample_at_0, batch);
+    if (!part_.closed_tiles) return cut_into_regions(begin, end, sample_at_0, batch);
     const std::int64_t towards = plan_.ascending[2] ? 1 : -1;
     const RowLine line{x_.at(sheet_, row_, sample_at_0), y_.at(sheet_, row_, sample_at_0), towards * x_.steps[2],
                        towards * y_.steps[2]};
@@ -187,7 +187,7 @@ void SlabWalker::leave_out_hidden(const NeededVoxel* begin, const NeededVoxel* e
         const std::int64_t next = std::min(n + kLookedAtOnce, count);
         const NeededVoxel& first = towards > 0 ? begin[n] : end[-next];
         const NeededVoxel& last = towards > 0 ? begin[next - 1] : end[-n - 1];
-        if (!walk_.closed_tiles->hide(line, first.position, last.position)) continue;
+        if (!part_.closed_tiles->hide(line, first.position, last.position)) continue;
         cut(open, n);
         open = next;
     }
@@ -196,6 +196,7 @@ void SlabWalker::leave_out_hidden(const NeededVoxel* begin, const NeededVoxel* e
 
 void SlabWalker::cut_into_regions(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0,
                                   Batch& batch) {
+    if (batch.parts.size() == 1) return cut_into_runs(begin, end, sample_at_0, batch.parts[0]);
     const std::int64_t towards = plan_.ascending[2] ? 1 : -1;
     const std::int64_t start = y_.at(sheet_, row_, sample_at_0), step = towards * y_.steps[2];
     const std::int64_t first = begin->position, last = end[-1].position;

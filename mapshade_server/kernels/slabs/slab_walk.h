@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "mapshade_server/kernels/batches/batch_walker.h"
-#include "mapshade_server/kernels/walk/closed_tiles.h"
 #include "mapshade_server/kernels/walk/regions.h"
 #include "mapshade_server/kernels/walk/sample_reach.h"
 #include "mapshade_server/kernels/walk/walk_plan.h"
+#include "mapshade_server/kernels/walk/walker_parts.h"
 #include "needed_rows.h"
 
 namespace volsplat {
@@ -31,6 +31,7 @@ struct NeededBox {
 
 // What the walkers of a frame share.
 struct SlabWalk {
+    // As a FrameWalk's.
     SlabWalk(const SlabPlan& plan, std::vector<NeededBox> boxes, const std::vector<Lines>& regions,
              const std::uint64_t* closed_tiles, std::int64_t walkers, const BatchLimits& limits);
     SlabWalk(const SlabWalk&) = delete;
@@ -39,9 +40,8 @@ struct SlabWalk {
     const SlabPlan plan;
     const std::vector<NeededBox> boxes;  // in order of samples
     const Regions regions;
-    const SampleReach reach;
-    const std::unique_ptr<ClosedTiles> closed_tiles;  // null where nothing may be left out
-    const std::int64_t walkers;
+    const std::int64_t reach_x;
+    const WalkerParts parts;
     const BatchLimits limits;
 };
 
@@ -86,7 +86,7 @@ private:
 
     const SlabWalk& walk_;
     const WalkPlan& plan_;
-    const std::int64_t number_;
+    const WalkerPart part_;
     const Index3 counts_;  // of sheets, rows and samples
     const Line x_, y_, depth_;
     // Through the groups, in these through the blocks of rows, the sheets and the rows

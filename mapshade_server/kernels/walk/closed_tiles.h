@@ -7,6 +7,7 @@
 
 #include "hidden_places.h"
 #include "mapshade_server/kernels/paths/map_shade_kernels.h"
+#include "regions.h"
 #include "sample_reach.h"
 #include "walk_plan.h"
 
@@ -14,11 +15,12 @@ namespace volsplat {
 
 class ClosedTiles {
 public:
-    // `words` is shaped (tile_rows, tile_words), and outlives this.
-    ClosedTiles(const std::uint64_t* words, const WalkPlan& plan, std::int64_t walkers);
+    // For samples that reach some lines, cut between tiles: what they reach beyond does not count. `words` is shaped
+    // (tile_rows, tile_words), and outlives this.
+    ClosedTiles(const std::uint64_t* words, const WalkPlan& plan, const Lines& lines, std::int64_t walkers);
 
-    // Has `without_hidden` know what is closed by now: to be called before each batch. That takes time, so with many
-    // walkers, whose batches are small, it is done for one batch of so many.
+    // Has `without_hidden` know what is closed by now: to be called before each batch. That takes time, so where many
+    // walkers share it, it is done for one batch of so many.
     void refresh() {
         if (batches_.fetch_add(1, std::memory_order_relaxed) % walkers_ == 0) places_.refresh();
     }
@@ -28,14 +30,19 @@ public:
 
     // Leaves out voxels that are hidden; valid until the room is used again.
     VisibleVoxels without_hidden(const RowLine& line, const VisibleVoxels& voxels, VoxelRoom& room) const {
-        return places_.without_hidden(line, voxels, room);
+        return places_.without_hidden(from_first_line(line), voxels, room);
     }
 
 private:
-    const std::uint64_t* words_;
-    std::int64_t words_in_row_;
-    std::int64_t width_, height_;
+    RowLine from_first_line(RowLine line) const;
+
+    // Of the image the lines are looked at from the first one that a sample may reach together with the own ones
     SampleReach reach_;
+    std::int64_t first_line_;
+    std::int64_t words_in_row_;
+    const std::uint64_t* words_;
+    std::int64_t width_, height_;
+    std::int64_t own_row_;  // of tiles, the first
     HiddenPlaces places_;
     const std::uint64_t walkers_;
     std::atomic<std::uint64_t> batches_{0};

@@ -45,12 +45,13 @@ std::uint32_t word_after(const std::uint32_t* row, std::int64_t words, std::int6
 
 }  // namespace
 
-HiddenPlaces::HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::int64_t height,
+HiddenPlaces::HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::int64_t height, std::int64_t first_row,
                            const SampleReach& reach)
     : kernels_(map_shade_kernels()),
       tiles_(tiles),
       width_(width),
       height_(height),
+      first_row_(first_row),
       tile_rows_(tile_rows(height)),
       tile_words_(tile_words(width)),
       reach_(reach),
@@ -61,13 +62,15 @@ HiddenPlaces::HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::
       known_tiles_(static_cast<std::size_t>(tile_rows_ * tile_words_)),
       changed_(static_cast<std::size_t>(tile_rows_)),
       closed_(static_cast<std::size_t>(tile_rows_ * words_)),
-      next_(static_cast<std::size_t>(words_)) {}
+      next_(static_cast<std::size_t>(words_)) {
+    std::fill_n(closed_.begin(), first_row_ * words_, kAllClosed);
+}
 
 void HiddenPlaces::refresh() {
     const std::unique_lock locked(mutex_, std::try_to_lock);
     if (!locked) return;
     bool changed = false;
-    for (std::int64_t row = 0; row < tile_rows_; ++row) {
+    for (std::int64_t row = first_row_; row < tile_rows_; ++row) {
         changed_[row] = take_over(row);
         if (changed_[row]) join_columns(row);
         changed |= changed_[row];

@@ -20,8 +20,10 @@ struct VoxelRoom {
 
 class HiddenPlaces {
 public:
-    // `tiles` is shaped (rows of tiles, words of each), may be written meanwhile, and outlives this.
-    HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::int64_t height, const SampleReach& reach);
+    // `tiles` is shaped (rows of tiles, words of each), may be written meanwhile, and outlives this. Rows before
+    // `first_row` do not count: they are taken for closed.
+    HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::int64_t height, std::int64_t first_row,
+                 const SampleReach& reach);
 
     // Takes over what has been closed since the last time, unless another thread is at it.
     void refresh();
@@ -38,7 +40,7 @@ private:
 
     const MapShadeKernels& kernels_;
     const std::uint64_t* tiles_;
-    const std::int64_t width_, height_, tile_rows_, tile_words_;
+    const std::int64_t width_, height_, first_row_, tile_rows_, tile_words_;
     const SampleReach reach_;
     const std::int64_t box_width_, box_height_;  // pixels that a sample can reach
     const std::int64_t words_;                   // of a row of pixels

@@ -28,6 +28,8 @@ Regions::Regions(const std::vector<Lines>& lines, const WalkPlan& plan)
     }
 }
 
+Regions::Places Regions::all() const { return {-reach_, (height_ - 1) * kPixel + reach_}; }
+
 Regions::Range Regions::reached(std::int64_t y, std::int64_t other_y) const {
     const auto region = [this](std::int64_t line) {
         return of_tiles_[std::clamp<std::int64_t>(line, 0, height_ - 1) / kTileSide];

@@ -34,6 +34,8 @@ public:
         std::int64_t least, greatest;
     };
     const Places& places(std::size_t region) const { return places_[region]; }
+    // From where to where samples may reach the image.
+    Places all() const;
 
 private:
     std::int64_t reach_, height_;

@@ -13,6 +13,7 @@ namespace volsplat {
 std::size_t RowCutter::deliver(const ShadedRow& row, Batch& batch) const {
     const std::size_t count = row.survivors.voxels.count;
     if (count == 0) return 0;
+    if (batch.parts.size() == 1) return cut_into_runs(row, 0, count, batch.parts[0]);
     const std::uint16_t* positions = row.survivors.voxels.positions;
     const std::int64_t first = positions[0], last = positions[count - 1];
     const RowLine& line = row.line;

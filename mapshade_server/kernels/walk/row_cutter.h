@@ -25,7 +25,8 @@ public:
     RowCutter(const WalkPlan& plan, const Regions& regions, const ColourTables& colours)
         : kernels_(map_shade_kernels()), plan_(plan), regions_(regions), colours_(colours) {}
 
-    // Appends it to the parts of the regions that it reaches; returns how many packets it has become.
+    // Appends it to the parts of the regions that it reaches, or to the one part; returns how many packets it has
+    // become.
     std::size_t deliver(const ShadedRow& row, Batch& batch) const;
 
 private:

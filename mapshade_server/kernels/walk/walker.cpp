@@ -2,6 +2,7 @@
 #include "walker.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <limits>
 
 #include "narrow.h"
@@ -75,30 +76,31 @@ FrameWalk::FrameWalk(const WalkPlan& plan_, const ShadingTables& tables_, const 
       tables(tables_),
       boxes(boxes_),
       regions(regions_, plan),
-      turns(plan, walkers, extent(plan, boxes, 0), extent(plan, boxes, 1), boxes.empty() ? 0 : boxes[0].low[0]),
-      closed_tiles(closed_tiles_ ? std::make_unique<ClosedTiles>(closed_tiles_, plan, walkers) : nullptr),
+      parts(plan, regions_, regions, walkers, closed_tiles_),
+      turns(plan, parts.taking_turns(), extent(plan, boxes, 0), extent(plan, boxes, 1),
+            boxes.empty() ? 0 : boxes[0].low[0]),
       limits(limits_) {}
 
 Walker::Walker(const FrameWalk& walk, std::int64_t number)
     : BatchWalker(walk.limits),
       walk_(walk),
       plan_(walk.plan),
-      number_(number),
+      part_(walk.parts.of(number)),
       equal_blocks_(with_equal_blocks(plan_, walk.tables.opacity_of_class)),
       boxes_(rows_of(walk)),
       shading_(plan_, walk.tables, longest_row(boxes_)),
       cutter_(plan_, walk.regions, walk.tables.colours),
-      reach_(sample_reach(plan_)),
-      ramp_(static_cast<std::size_t>(std::max<std::int64_t>(1, kFirstPackets / walk.turns.walkers()))) {
-    finished_ = !find_next_row();
+      reach_x_(sample_reach(plan_).x),
+      ramp_(static_cast<std::size_t>(std::max<std::int64_t>(1, kFirstPackets / walk.parts.count()))) {
+    finished_ = part_.places.least > part_.places.greatest || !find_next_row();
 }
 
 void Walker::next_batch(const BatchLimits& limits, Batch& batch) {
-    batch.begin(walk_.regions.count());
+    batch.begin(walk_.parts.batch_parts());
     delivered_ = 0;
     const std::size_t most = std::min(limits.packets, ramp_);
     ramp_ = 2 * most;
-    if (walk_.closed_tiles) walk_.closed_tiles->refresh();
+    if (part_.closed_tiles) part_.closed_tiles->refresh();
     while (!finished_ && delivered_ < most && batch.voxels_visited < limits.voxels) {
         const std::int64_t skipped = skip_empty_rows(limits.voxels - batch.voxels_visited);
         batch.voxels_visited += skipped != 0 ? skipped : walk_segment(batch);
@@ -115,7 +117,7 @@ bool Walker::find_next_row() {
             if (on_sheet_[box_on_sheet_].traversal.holds(row_)) return true;
         }
         box_on_sheet_ = 0;
-        const std::int64_t next = walk_.turns.next_row(number_, sheet_, row_ + 1);
+        const std::int64_t next = next_own_row(sheet_, row_ + 1);
         std::int64_t next_row = kNone;
         for (const BoxOnSheet& box : on_sheet_) {
             if (box.traversal.end > next) next_row = std::min(next_row, std::max(box.traversal.begin, next));
@@ -141,7 +143,8 @@ bool Walker::find_next_sheet() {
             if (sheets.end > from) next = std::min(next, std::max(sheets.begin, from));
         }
         if (next == kNone) return false;
-    } while (walk_.turns.next_row(number_, next, 0) == walk_.turns.rows());
+        near_rows_ = rows_within_reach(next);
+    } while (next_own_row(next, 0) == walk_.turns.rows());
     sheet_ = next;
     row_ = -1;
     on_sheet_.clear();
@@ -157,12 +160,41 @@ bool Walker::find_next_sheet() {
     return true;
 }
 
+// As Turns::next_row, without those that are out of reach.
+std::int64_t Walker::next_own_row(std::int64_t sheet, std::int64_t row) const {
+    const std::int64_t own = walk_.turns.next_row(part_.turn, sheet, std::max(row, near_rows_.begin));
+    return own < near_rows_.end ? own : walk_.turns.rows();
+}
+
+// In traversal order; others of a sheet cannot reach the walker's places.
+Ordinals Walker::rows_within_reach(std::int64_t sheet) const {
+    const AxisVisits &rows = plan_.visits_of(1), &samples = plan_.visits_of(2);
+    SampleRow row;
+    const auto place = [&](int level, std::int64_t doubled) { row.doubled[plan_.axes[level]] = doubled; };
+    const auto doubled = [&](std::int64_t at) { return 2 * rows.block_start(at) + rows.stride - 1; };
+    place(0, plan_.visits_of(0).doubled_centre(ordinal(0, sheet)));
+    place(1, doubled(ordinal(1, 0)));
+    place(2, samples.doubled_centre(0));
+    const std::int64_t last = rows.count - 1;
+    const std::int64_t clipped =
+        std::max(std::abs(rows.doubled_centre(0) - doubled(0)), std::abs(rows.doubled_centre(last) - doubled(last)));
+    const std::int64_t off = clipped * std::abs(plan_.y.half_steps[plan_.axes[1]]);
+    const std::int64_t along =
+        (samples.doubled_centre(samples.count - 1) - samples.doubled_centre(0)) * plan_.y.half_steps[plan_.axes[2]];
+    const std::int64_t step = (plan_.ascending[1] ? 2 : -2) * rows.stride * plan_.y.half_steps[plan_.axes[1]];
+    Ordinals near{0, rows.count};
+    narrow(plan_.y.at(row.doubled) + plan_.thresholds.shift_of(static_cast<std::uint64_t>(sheet)), step,
+           part_.places.least - std::max<std::int64_t>(0, along) - off,
+           part_.places.greatest - std::min<std::int64_t>(0, along) + off, near.begin, near.end);
+    return near;
+}
+
 // Passes rows that are known to be empty, where they lie in one box; returns how many samples they have.
 std::int64_t Walker::skip_empty_rows(std::int64_t max_voxels) {
     if (on_sheet_.size() != 1 || done_ != 0) return 0;
     const BoxOnSheet& box = on_sheet_[0];
     const std::int64_t samples = box.rows->ordinals(2).count();
-    const std::int64_t end = std::min(box.traversal.end, walk_.turns.block_end(row_));
+    const std::int64_t end = std::min({box.traversal.end, near_rows_.end, walk_.turns.block_end(row_)});
     const std::int64_t most = std::min(end - row_, max_voxels / samples);
     const std::int64_t rows = box.rows->known_empty(ordinal(0, sheet_), ordinal(1, row_), most);
     if (rows == 0) return 0;
@@ -195,14 +227,14 @@ void Walker::shade_segment(VisibleRows& rows, const Ordinals& segment, Batch& ba
     const RowLine line = line_of(row);
     const Ordinals near = within_reach(line, segment);
     if (near.begin >= near.end) return;
-    if (walk_.closed_tiles && walk_.closed_tiles->hide(line, near.begin - begin, near.end - 1 - begin)) return;
+    if (part_.closed_tiles && part_.closed_tiles->hide(line, near.begin - begin, near.end - 1 - begin)) return;
 
     const VisibleRow visible = rows.row(ordinal(0, sheet_), ordinal(1, row_), near);
     if (visible.voxels.count == 0) return;
     count_from(visible.origin, row);
     const RowLine counted = line_of(row);
     const VisibleVoxels open =
-        walk_.closed_tiles ? walk_.closed_tiles->without_hidden(counted, visible.voxels, not_hidden_) : visible.voxels;
+        part_.closed_tiles ? part_.closed_tiles->without_hidden(counted, visible.voxels, not_hidden_) : visible.voxels;
     delivered_ += cutter_.deliver({sheet_, row_, visible.origin, counted, shading_.survivors(row, open)}, batch);
 }
 
@@ -246,8 +278,8 @@ RowLine Walker::line_of(const SampleRow& row) const {
 // `line` counts from the first of the samples.
 Ordinals Walker::within_reach(const RowLine& line, const Ordinals& samples) const {
     std::int64_t begin = 0, end = samples.count();
-    narrow(line.start_x, line.step_x, -reach_.x, (plan_.width - 1) * kPixel + reach_.x, begin, end);
-    narrow(line.start_y, line.step_y, -reach_.y, (plan_.height - 1) * kPixel + reach_.y, begin, end);
+    narrow(line.start_x, line.step_x, -reach_x_, (plan_.width - 1) * kPixel + reach_x_, begin, end);
+    narrow(line.start_y, line.step_y, part_.places.least, part_.places.greatest, begin, end);
     return {samples.begin + begin, samples.begin + end};
 }
 

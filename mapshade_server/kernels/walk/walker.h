@@ -7,7 +7,6 @@
 #include <memory>
 #include <vector>
 
-#include "closed_tiles.h"
 #include "mapshade_server/kernels/batches/batch_walker.h"
 #include "regions.h"
 #include "row_cutter.h"
@@ -15,11 +14,13 @@
 #include "turns.h"
 #include "visible_rows.h"
 #include "walk_plan.h"
+#include "walker_parts.h"
 
 namespace volsplat {
 
 // What the walkers of a frame share. The boxes' packets and the tables are borrowed.
 struct FrameWalk {
+    // So many walkers, which take turns, or, with 0, one for each region.
     FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const std::vector<PacketBox>& boxes,
               const std::vector<Lines>& regions, const std::uint64_t* closed_tiles, std::int64_t walkers,
               const BatchLimits& limits);
@@ -30,8 +31,8 @@ struct FrameWalk {
     const ShadingTables tables;
     const std::vector<PacketBox> boxes;
     const Regions regions;
+    const WalkerParts parts;
     const Turns turns;
-    const std::unique_ptr<ClosedTiles> closed_tiles;  // null where nothing may be left out
     const BatchLimits limits;
 };
 
@@ -53,6 +54,8 @@ private:
 
     bool find_next_row();
     bool find_next_sheet();
+    std::int64_t next_own_row(std::int64_t sheet, std::int64_t row) const;
+    Ordinals rows_within_reach(std::int64_t sheet) const;
     std::int64_t skip_empty_rows(std::int64_t max_voxels);
     std::int64_t walk_segment(Batch& batch);
     void shade_segment(VisibleRows& rows, const Ordinals& segment, Batch& batch);
@@ -67,17 +70,18 @@ private:
 
     const FrameWalk& walk_;
     const WalkPlan& plan_;
-    const std::int64_t number_;
+    const WalkerPart part_;
     Ordinals equal_blocks_;
     std::vector<VisibleRows> boxes_;
     RowShading shading_;
     RowCutter cutter_;
     VoxelRoom not_hidden_;
-    SampleReach reach_;
+    std::int64_t reach_x_;
     std::size_t ramp_;
 
     // Where the walk is: sheet and row in traversal order, the box within the row, and samples done of it
     std::int64_t sheet_ = -1, row_ = 0;
+    Ordinals near_rows_{0, 0};          // of the sheet, in traversal order: others are out of reach
     std::vector<BoxOnSheet> on_sheet_;  // in order of samples
     std::size_t box_on_sheet_ = 0;
     std::int64_t done_ = 0;

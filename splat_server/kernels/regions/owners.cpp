@@ -8,7 +8,7 @@ namespace volsplat {
 
 namespace {
 
-void check(const FrameTask& task, const ImageMemory& image, std::size_t threads) {
+void check(const FrameTask& task, const ImageMemory& image) {
     if (task.regions.empty()) throw std::invalid_argument("a frame needs a region");
     const auto between_tiles = [&](int line) { return line % kTileSide == 0 || line == image.lines(); };
     int end = task.regions.front().begin;
@@ -18,8 +18,8 @@ void check(const FrameTask& task, const ImageMemory& image, std::size_t threads)
             throw std::invalid_argument("the regions do not follow each other within the image");
         end = lines.end;
     }
-    if (task.sources < 0 || task.walks.size() > static_cast<std::size_t>(task.sources) || task.walks.size() > threads)
-        throw std::invalid_argument("each walk is a source and has a thread of its own");
+    if (task.walks.empty() ? task.sources < 0 : task.sources != 0 || task.walks.size() != task.regions.size())
+        throw std::invalid_argument("a frame has sources, or a walk for each region");
     for (const EdgeLayer* layer : {task.layers.front, task.layers.behind})
         if (layer && (layer->width() != image.width() || layer->height() != image.height()))
             throw std::invalid_argument("the edge layers and the image differ in size");
@@ -41,11 +41,11 @@ void Owners::clear(int width, int height, bool turned) {
 std::shared_ptr<SplatFrame> Owners::begin(FrameTask task, PixelMemory published, std::shared_ptr<Bell> news,
                                           std::shared_ptr<Bell> all_wait) {
     if (frame_ || !image_) throw std::invalid_argument("the image is not clear");
-    check(task, *image_, threads_);
+    check(task, *image_);
     const Rectangle rectangle = rectangle_of(*image_, {task.regions.front().begin, task.regions.back().end});
     if (published.pixels && published.floats != rectangle.floats())
         throw std::invalid_argument("the memory to publish in has another size than the regions");
-    start(std::min<std::size_t>(std::max(task.regions.size(), task.walks.size()), threads_));
+    start(std::min<std::size_t>(task.regions.size(), threads_));
     auto block = published.pixels ? std::move(published.pixels) : free_block(rectangle);
     const auto frame = std::make_shared<SplatFrame>(std::move(task), image_, std::move(block),
                                                     FrameBells{bells_, std::move(news), std::move(all_wait)});

@@ -13,6 +13,10 @@ namespace {
 // cores differ, and few enough that they lie in the caches and that little is walked that has become hidden meanwhile.
 constexpr std::int64_t kWalkBudget = 1 << 19;
 
+// A walk of another owner's region is taken before one's own if it is behind by this part of the sheets: enough that
+// owners seldom read from each other's caches, and so few that no region is long the last.
+constexpr std::uint64_t kSheetsBehind = 16;
+
 RowSpan all_lines(const std::vector<RowSpan>& regions) { return {regions.front().begin, regions.back().end}; }
 
 }  // namespace
@@ -33,12 +37,13 @@ SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::
     job.work = work_.data();
     for (const RowSpan& lines : task_.regions) {
         job.row_begin = lines.begin, job.row_end = lines.end;
-        regions_.push_back(std::make_unique<Region>(*image_, job, task_.sources, task_.layers));
+        regions_.push_back(
+            std::make_unique<Region>(*image_, job, task_.walks.empty() ? task_.sources : 1, task_.layers));
     }
     for (int n = 0; n < task_.sources; ++n) sources_.push_back(std::make_unique<Source>(task_.counts, regions_.size()));
     for (std::size_t n = 0; n < task_.walks.size(); ++n) {
         auto budget = std::make_shared<ReadBudget>(kWalkBudget, [sleepers = sleepers_] { sleepers->wake_one(); });
-        walks_.push_back(std::make_unique<Walk>(static_cast<int>(n), task_.walks[n], std::move(budget)));
+        walks_.push_back(std::make_unique<Walk>(n, task_.walks[n], task_.counts, std::move(budget)));
     }
 }
 
@@ -125,18 +130,29 @@ bool SplatFrame::walks_are_free() const {
     return std::any_of(walks_.begin(), walks_.end(), [](const auto& walk) { return walk->free(); });
 }
 
-// That which is the furthest behind, since all regions wait for it; none if no walk is free.
-SplatFrame::Walk* SplatFrame::take_walk() {
+// Of every so many walks from the first one on that which is the furthest behind; none if no walk is free.
+SplatFrame::Walk* SplatFrame::free_walk(std::size_t first, std::size_t every) const {
+    Walk* last = nullptr;
+    for (std::size_t n = first; n < walks_.size(); n += every) {
+        Walk* const walk = walks_[n].get();
+        if (walk->free() && (!last || walk->reached.load() < last->reached.load())) last = walk;
+    }
+    return last;
+}
+
+// Of its own regions, unless another is far behind.
+SplatFrame::Walk* SplatFrame::take_walk(int owner) {
+    const std::uint64_t far = task_.counts.sheets / kSheetsBehind;
     while (true) {
-        Walk* last = nullptr;
-        for (const auto& walk : walks_)
-            if (walk->free() && (!last || walk->reached.load() < last->reached.load())) last = walk.get();
-        if (!last || !last->taken.exchange(true)) return last;
+        Walk* walk = free_walk(owner, bells_.owners.size());
+        Walk* const other = free_walk(0, 1);
+        if (!walk || (other && other->reached.load().sheet + far < walk->reached.load().sheet)) walk = other;
+        if (!walk || !walk->taken.exchange(true)) return walk;
     }
 }
 
 bool SplatFrame::walk(int owner) {
-    Walk* const walk = take_walk();
+    Walk* const walk = take_walk(owner);
     if (!walk) return false;
     Step step;
     {
@@ -163,8 +179,11 @@ void SplatFrame::push_step(Walk& walk, Step step) {
     Walked& sum = walk.walked;
     sum = {sum.steps + 1, sum.voxels + step.voxels_visited, sum.packets + packets, sum.bytes + bytes};
     walk.reached = Place{static_cast<std::uint32_t>(step.reached_row), static_cast<std::uint32_t>(step.reached_sheet)};
+    walk.rules.check(parts, step.reached_sheet, step.reached_row, step.last);
+    if (stopped_) return;
     const auto memory = std::make_shared<HeldMemory>(std::move(step.memory), walk.budget, bytes);
-    push(walk.number, parts, step.reached_sheet, step.reached_row, step.last, memory);
+    deliver(walk.region,
+            {0, parts[0].runs, parts[0].runs.run_count ? memory : nullptr, walk.rules.bound(0), step.last});
 }
 
 Walked SplatFrame::walked() const {

@@ -1,12 +1,14 @@
 // One frame of an image: its regions, and the sources whose packets they are splatted from.
 //
-// Sources are map/shade servers' walkers, whose batches any thread pushes, or walks of this process: an owner in whose
-// regions nothing is decided takes a step of the walk that is the furthest behind. So those whose regions or cores are
-// slow walk less. What is buffered of a source is bounded, and that cannot deadlock: a batch has reached the same place
-// of the traversal for all regions, so that of the source that is the furthest behind all that is buffered is decided
-// everywhere, will be splatted without anything more being read, and opens its budget again. Only sources that share a
-// budget, the walkers of one server, may close it to one another: if all regions wait, whoever is awaited must be read,
-// whatever is buffered.
+// Sources are map/shade servers' walkers, whose batches any thread pushes. What is buffered of a source is bounded, and
+// that cannot deadlock: a batch has reached the same place of the traversal for all regions, so that of the source that
+// is the furthest behind all that is buffered is decided everywhere, will be splatted without anything more being read,
+// and opens its budget again. Only sources that share a budget, the walkers of one server, may close it to one another:
+// if all regions wait, whoever is awaited must be read, whatever is buffered.
+//
+// Or each region has a walk of this process, its one source, so that owners share nothing: an owner in whose regions
+// nothing is decided takes a step of its own walks, and once these have ended of another's. So those whose regions or
+// cores are slow walk less.
 #pragma once
 
 #include <array>
@@ -32,8 +34,8 @@ struct FrameTask {
     SplatJob job;                  // but for image, lines and spans
     EdgeLayers layers;
     FrameCounts counts;
-    int sources;
-    std::vector<BatchSource*> walks;    // or none: those of the first sources
+    int sources;                        // that are pushed
+    std::vector<BatchSource*> walks;    // or one for each region, and no sources
     bool traced;                        // whether spans are recorded
     std::uint64_t portion;              // packets that are splatted between two looks at whether to go on
     std::shared_ptr<const void> keeps;  // what all of this points to
@@ -107,7 +109,8 @@ private:
     bool wait(int owner);
     bool walk(int owner);
     bool walks_are_free() const;
-    Walk* take_walk();
+    Walk* free_walk(std::size_t first, std::size_t every) const;
+    Walk* take_walk(int owner);
     void push_step(Walk& walk, Step step);
     void publish(Region& region, int owner);
     void tell_if_all_wait();
@@ -122,16 +125,18 @@ private:
     PixelBlock block_;
     std::vector<std::unique_ptr<Source>> sources_;
     struct Walk {
-        Walk(int number_, BatchSource* source_, std::shared_ptr<ReadBudget> budget_)
-            : number(number_), source(source_), budget(std::move(budget_)) {}
+        Walk(std::size_t region_, BatchSource* source_, const FrameCounts& counts, std::shared_ptr<ReadBudget> budget_)
+            : region(region_), source(source_), budget(std::move(budget_)), rules(counts, 1) {}
         bool free() const { return !taken && budget->open(); }
 
-        const int number;  // as a source
+        const std::size_t region;
         BatchSource* const source;
         const std::shared_ptr<ReadBudget> budget;
         std::atomic<bool> taken{false};  // by an owner; for good once it has ended
         std::atomic<Place> reached{Place{0, 0}};
-        Walked walked{};  // its taker's
+        // Its taker's
+        SourceRules rules;
+        Walked walked{};
     };
     const std::shared_ptr<Sleepers> sleepers_;  // who would walk
     std::vector<std::unique_ptr<Walk>> walks_;

@@ -46,7 +46,7 @@ def rendered(
     max_packets: int = 1 << 15,
     max_voxels: int = 1 << 20,
     threads: int = 1,
-    walkers: int = 1,
+    walkers: int | None = 1,
     arrival: Random | None = None,
     resolution: Resolution | None = None,
 ) -> Tensor:
@@ -54,7 +54,7 @@ def rendered(
 
     `workers` are the boxes that each worker holds: together they partition the grid; each has as many `walkers`. Every
     one of the `threads` owns a region. `arrival` shuffles whose batch comes next, and cuts any regions; else one walker
-    after the other delivers.
+    after the other delivers. Without `walkers` each region has its own, as in a single process.
     """
     held = resolution.geometry if resolution else geometry
     holdings = workers or [[held.box]]
@@ -66,7 +66,7 @@ def rendered(
         geometry,
         quantisation,
         resolution or own_resolution(geometry, step),
-        workers={1: walkers},
+        workers={1: walkers or 1},
         owners={1: threads},
         shares=RegionShares(),
     )
@@ -77,11 +77,18 @@ def rendered(
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
     request = _lit(request, scene, held_by)
+    shading, news = request.shading, Bell()
+    if walkers is None:
+        with owners(threads) as made:
+            assembly = FrameAssembly(made, plan, 1, slabs_of(request))
+            everything, tiles = [sub_cube for sub_cubes in held_by for sub_cube in sub_cubes], assembly.closed_tiles
+            walk = FrameWalk(everything, geometry, quantisation, shading, plan, tiles, regions, walkers)
+            assembly.begin(regions, 0, news, walks=walk.walkers)
+            wait_until_complete(assembly.splat, news)
+            return _image(assembly)
     walks = []
     for sub_cubes in held_by:
-        shading = request.shading
         walks += FrameWalk(sub_cubes, geometry, quantisation, shading, plan, None, regions, walkers).walkers
-    news = Bell()
     budget = ReadBudget(1 << 62, news)
     with owners(threads) as made:
         assembly = FrameAssembly(made, plan, 1, slabs_of(request))
@@ -95,9 +102,12 @@ def rendered(
                 continue
             assembly.splat.push(source, batch_memory(batch, budget), *batch.reached, batch.last)
         wait_until_complete(assembly.splat, news)
-        image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32)
-    width, height = plan.image_size
-    return image.reshape(height, width, 4)
+        return _image(assembly)
+
+
+def _image(assembly: FrameAssembly) -> Tensor:
+    width, height = assembly.plan.image_size
+    return torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(height, width, 4)
 
 
 def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence[SubCube]]) -> messages.RenderFrame:
