@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,17 +19,20 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, view, viewed, volume
+from support.patience import PATIENCE
 from support.programs.server_processes import is_server
-from volsplat.bench.page_drag import REFINED, dragged, show_in
+from volsplat.bench.page_drag import REFINED, Drag, dragged, show_in
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.client.ui.viewport.under_way import LEAST
 from volsplat.protocol.description.volume import Index
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 IMAGE = 512
+FAR = 0.4  # seconds a round trip
 ENDS = [(end, axis) for axis in "ijk" for end in ("lowest", "end of")]
 
 __all__ = ["browser", "browser_page", "view", "volume"]
@@ -246,6 +250,25 @@ def test_through_a_slow_line_nothing_stale_is_shown_and_the_lag_does_not_grow(vi
     assert shown[-1] >= events[-1] and shown == sorted(shown)
     # As many pictures as moves would mean that none was left out; the last third must not be further behind.
     assert moves.growth() < 0.5
+
+
+def test_on_a_far_line_more_than_two_pictures_are_under_way_and_none_is_stale(view: Viewed, browser_page: Page) -> None:
+    """Of two, each is followed by the next a round trip later: in less than that no more than two are shown."""
+
+    def followed_closely(drag: Drag) -> bool:
+        times = [picture.at for picture in drag.shown]
+        return any(last - first < 1e3 * FAR for first, last in zip(times, times[LEAST + 1 :], strict=False))
+
+    with slow_link(view.port, bits_per_second=1e9, round_trip=FAR) as port:
+        page = opened(browser_page, view.url.replace(f":{view.port}/", f":{port}/"))
+        drags = [dragged(page, 60)]
+        ends = time.monotonic() + PATIENCE
+        while not followed_closely(drags[-1]) and time.monotonic() < ends:  # how many go is learnt on the way
+            drags.append(dragged(page, 60))
+        page.goto("about:blank")
+    assert followed_closely(drags[-1])
+    assert not any(drag.stale() for drag in drags)
+    assert all(drag.shown[-1].event >= drag.sent[-1][0] for drag in drags)
 
 
 def test_a_lost_server_is_told_on_the_page_and_the_others_take_over(volume: Path, browser_page: Page) -> None:
