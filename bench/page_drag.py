@@ -51,10 +51,26 @@ _SEEN = """() => {
     const bytes = context.getImageData(0, 0, copy.width, copy.height).data;
     return [copy.width, copy.height, btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""))];
 }"""
+_STREAMED = "() => window.volsplatViewport?.log.length > 0"
+# Milliseconds since 1970: when the page's own image was painted, and the first picture drawn.
+_STARTED = """() => new Promise((resolve) => {
+    const streamed = performance.timeOrigin + window.volsplatViewport.log[0].shownAt;
+    new PerformanceObserver((list) => {
+        const seen = list.getEntries().find(({ url }) => new URL(url || "/", location).pathname.endsWith("/early"));
+        resolve([seen ? performance.timeOrigin + seen.startTime : streamed, streamed]);
+    }).observe({ type: "largest-contentful-paint", buffered: true });
+})"""
 _CAUGHT_UP = """() => {
     const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);
     return sent && shown && shown.event >= sent.event;
 }"""
+
+
+class Start(NamedTuple):
+    """Seconds from the command to pictures on the screen."""
+
+    seen: float  # the page's own image
+    streamed: float  # the viewport's first
 
 
 class ShownPicture(NamedTuple):
@@ -113,6 +129,13 @@ class Drag:
         late = self.latencies()
         third = max(len(late) // 3, 1)
         return statistics.median(late[-third:]) - statistics.median(late[:third])
+
+
+def started(tab: Page, began: float) -> Start:
+    """How long it took from `began`, by time.time(), to the first pictures of a page that is being loaded."""
+    tab.wait_for_function(_STREAMED, timeout=PAGE_WAIT)
+    seen, streamed = tab.evaluate(_STARTED)
+    return Start(seen / 1e3 - began, streamed / 1e3 - began)
 
 
 def show_in(tab: Page, side: int) -> None:

@@ -8,6 +8,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -16,7 +17,7 @@ from urllib.parse import urlsplit
 
 import click
 
-from volsplat.bench.page_drag import dragged, show_in
+from volsplat.bench.page_drag import dragged, show_in, started
 from volsplat.bench.slow_link import slow_link
 from volsplat.bench.subject import subject_of, volume_file
 from volsplat.bench.tables.outputs import Outputs, output_options
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 BROWSERS = "chromium", "google-chrome", "chromium-headless-shell"
 CHROMIUM_OPTIONS = ["--no-sandbox", "--disable-gpu"]
 WARM_UP_MOVES = 180
+SHORT_MOVES, MORE_ENDS = 60, 4  # drags at whose end it is seen how like a moving picture is
 IMAGE = 512
 GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, likeness 0.9, nothing stale."
 _ADDRESS = re.compile(r"http://\S+token=\S+")
@@ -63,11 +65,15 @@ def page(
     line = _link(link) if link else None
     subject = subject_of(volume, phantom, None, None, None)
     with PlainConsole(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
-        with _viewed(path, workers) as address, _slowed(address, line) as reached, _opened(reached) as tab:
+        with _tab() as tab, _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
+            tab.goto(reached)
+            start = started(tab, began)
+            show_in(tab, IMAGE)
             status.update("dragging, to warm up")
             dragged(tab, WARM_UP_MOVES)
             status.update(f"dragging, {moves} moves")
             drag = dragged(tab, moves)
+            likenesses = [drag.likeness, *(dragged(tab, SHORT_MOVES).likeness for _ in range(MORE_ENDS))]
     late = sorted(drag.latencies())
     table = TextTable(
         f"The page follows the hand: {workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves"
@@ -78,24 +84,29 @@ def page(
     p95 = late[math.ceil(0.95 * len(late)) - 1]
     table.add("event to canvas, ms", *(significant(value * 1e3) for value in (statistics.median(late), p95, late[-1])))
     facts = {
+        "start": f"first picture after {significant(start.seen)} s, the first that can be turned after "
+        f"{significant(start.streamed)} s",
         "images a second": significant(drag.images_per_second()),
         "drawn as": ", ".join(f"{way} {share:.0%}" for way, share in drag.drawn_as().items()),
-        "likeness": f"{drag.likeness:.3f} (SSIM of the last moving picture to the finished one)",
+        "likeness": f"{statistics.mean(likenesses):.3f} (SSIM of the last moving picture to the finished one, mean of "
+        f"{len(likenesses)} drags, {min(likenesses):.3f} to {max(likenesses):.3f})",
         "stale images": str(drag.stale()),
         "lag grows by": f"{drag.growth() * 1e3:.0f} ms from the first third to the last",
     }
     figures = [
         figure("event to canvas", "s", late),
         figure("event to canvas: 95 %", "s", [p95]),
-        figure("likeness", "SSIM", [drag.likeness]),
+        figure("likeness", "SSIM", likenesses),
         figure("images a second", "1/s", [drag.images_per_second()]),
+        figure("start: first picture", "s", [start.seen]),
+        figure("start: first that can be turned", "s", [start.streamed]),
     ]
     outputs.deliver(record("page", facts, figures), [table])
 
 
 @contextmanager
-def _viewed(path: str, workers: int) -> Iterator[str]:
-    """The address of a page that `volsplat view` serves."""
+def _viewed(path: str, workers: int) -> Iterator[tuple[str, float]]:
+    """The address of a page that `volsplat view` serves, and when the command began, by time.time()."""
     command = [
         str(Path(sys.executable).with_name("volsplat")),
         "view",
@@ -104,10 +115,11 @@ def _viewed(path: str, workers: int) -> Iterator[str]:
         str(workers),
         "--no-browser",
     ]
+    began = time.time()
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         try:
-            yield _address(process)
+            yield _address(process), began
         finally:
             process.terminate()
             process.stderr.read()
@@ -124,8 +136,8 @@ def _address(process: subprocess.Popen[str]) -> str:
 
 
 @contextmanager
-def _opened(address: str) -> Iterator[Page]:
-    """A tab whose viewport is IMAGE pixels high and wide, with its volume refined to the end."""
+def _tab() -> Iterator[Page]:
+    """An empty tab."""
     from playwright.sync_api import sync_playwright
 
     chromium = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -133,10 +145,7 @@ def _opened(address: str) -> Iterator[Page]:
         raise BadInput("this benchmark needs Chromium: apt install chromium")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
-        tab = browser.new_page(viewport={"width": 1280, "height": 800})
-        tab.goto(address)
-        show_in(tab, IMAGE)
-        yield tab
+        yield browser.new_page(viewport={"width": 1280, "height": 800})
         browser.close()
 
 

@@ -1,14 +1,28 @@
-"""Imports NiceGUI, for whoever imports this first, without the clients that the library of its sockets brings.
+"""Imports NiceGUI, for whoever imports this first, without what this page never needs and every start would wait for.
 
-Nothing here asks others by HTTP or by sockets, and they take a third of the time until the page is served.
+The library of its sockets brings clients: nothing here asks others by HTTP or by sockets, and they take a third of the
+time until the page is served. What finds the addresses for NiceGUI's welcome, which is not shown, has ldconfig started.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 
 _CLIENTS = tuple(name for name in ("aiohttp", "requests", "tornado") if name not in sys.modules)
 
+
+def _when_used(name: str) -> None:
+    """Have a module imported once something of it is asked for."""
+    spec = None if name in sys.modules else importlib.util.find_spec(name)
+    if spec is None or spec.loader is None:
+        return
+    spec.loader = importlib.util.LazyLoader(spec.loader)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+
+_when_used("ifaddr")
 for _client in _CLIENTS:
     sys.modules[_client] = None  # type: ignore[assignment]  # as if it were not installed: it is optional to that library
 try:
