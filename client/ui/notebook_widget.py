@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import posixpath
 import re
 from typing import Any
@@ -15,6 +16,7 @@ from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
+from volsplat.client.ui.viewing.saving import image_bytes
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewport.viewport_talk import ViewportTalk
 from volsplat.protocol.description.scene import Scene
@@ -68,6 +70,26 @@ class VolumeWidget(anywidget.AnyWidget):
     @traitlets.validate("scene")
     def _checked_scene(self, proposal: Any) -> Scene:
         return checked_scene(proposal["value"])
+
+    def _repr_mimebundle_(self, **kwargs: Any) -> Any:
+        """As any widget's, with a still picture for where no kernel runs: in a saved notebook, on pages of it."""
+        bundle = super()._repr_mimebundle_(**kwargs)
+        if bundle is not None and (still := self._still()) is not None:
+            bundle[0]["image/png"] = base64.b64encode(still).decode()
+        return bundle
+
+    def _still(self) -> bytes | None:
+        """The scene's finished picture as PNG, while a hand moves it the last one; None if it cannot be drawn."""
+        loop = self._viewing.loop
+        if self._viewing.model.now.settled:  # else what settles it is heard only after this
+            with loop.between_pictures():
+                picture = loop.shown
+        else:
+            picture = loop.shown
+        if picture is None:
+            return None
+        pixels, scene = picture.published_in_full_size.pixels, picture.state.scene
+        return image_bytes(pixels, scene, "png", self._viewing.volume.description)
 
     def close(self) -> None:
         """End the drawing; the session goes on."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import re
 from collections.abc import Awaitable, Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 import traitlets
+from PIL import Image
 
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
@@ -80,6 +83,19 @@ def test_the_hand_moves_the_trait_and_the_trait_the_picture(tmp_path: Path) -> N
         view = msgspec.structs.replace(notebook.widget.scene.view, zoom=3.0)
         notebook.widget.scene = msgspec.structs.replace(notebook.widget.scene, view=view)
         await notebook.picture(lambda header: bool(header["last"]) and header["view"]["zoom"] == 3.0)
+
+    in_notebook(tmp_path, use)
+
+
+def test_a_saved_notebook_has_a_still_picture_of_the_scene(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        for colour, pixel in (("white", (255, 255, 255)), ("#000080", (0, 0, 128))):
+            notebook.widget.scene = notebook.widget.scene.with_(background=colour, size=(40, 30))
+            bundle, _ = notebook.widget._repr_mimebundle_()
+            still = Image.open(BytesIO(base64.b64decode(bundle["image/png"])))
+            assert still.size == (40, 30) and still.getpixel((0, 0)) == pixel
+            assert len(set(still.get_flattened_data())) > 10
+            assert "application/vnd.jupyter.widget-view+json" in bundle
 
     in_notebook(tmp_path, use)
 
