@@ -83,11 +83,18 @@ tools:
 
 CPP := $(foreach room,kernels kernels/tables */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))
 
-test: $(READY) tools ## lint, type-check and test, the properties on the baseline CPU path as well
+# In parts that -j does side by side: mypy takes a core for a minute.
+test: lint types tried ## lint, type-check and test, the properties on the baseline CPU path as well
+.PHONY: lint types tried
+lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/clang-format --dry-run -Werror $(CPP)
+
+types: $(READY)
 	$(BIN)/mypy
+
+tried: $(READY) tools
 	$(BIN)/pytest -n auto --dist worksteal
 	VOLSPLAT_CPU_PATH=baseline $(BIN)/pytest -n auto --dist worksteal $(PROPERTIES)
 
