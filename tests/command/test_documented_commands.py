@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -41,24 +43,30 @@ def reader(tmp_path: Path) -> Person:
     return Person(tmp_path)
 
 
+@pytest.fixture(scope="module")
+def shell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[QuickShell]:
+    reader = Person(tmp_path_factory.mktemp("shell"))
+    with QuickShell(reader.folder, reader.environment) as shell:
+        yield shell
+
+
 @pytest.mark.parametrize("page", TYPED_ALONE)
-def test_a_page_may_be_typed_from_top_to_bottom(reader: Person, page: str) -> None:
+def test_a_page_may_be_typed_from_top_to_bottom(reader: Person, shell: QuickShell, page: str) -> None:
     typed = [line.text for line in lines(page) if reason_not_to_run(line) is None]
     assert typed
     (reader.folder / "client").symlink_to(ROOT / "client")  # whose scene files a page may name
     if not any("phantom head" in line for line in typed):
         assert reader.runs("phantom", "head", "--size", SMALL, "-o", "head.nrrd").returncode == 0
-    with QuickShell(reader.folder, reader.environment) as shell:
-        for line in typed:
-            if line.startswith("volsplat view"):
-                status, said = _view(reader, line)
-            else:
-                done = shell.runs(_as_run(line), PATIENCE)
-                status, said = done.returncode, done.stdout
-            assert status == 0, f"{line}\n{said}"
-            assert "Traceback" not in said, line
-            for made in re.findall(r"(?: -o | > )(\S+)", line):
-                assert (reader.folder / made).stat().st_size > 0, line
+    for line in typed:
+        if line.startswith("volsplat view"):
+            status, said = _view(reader, line)
+        else:
+            done = shell.runs(_as_run(line), PATIENCE, reader.folder)
+            status, said = done.returncode, done.stdout
+        assert status == 0, f"{line}\n{said}"
+        assert "Traceback" not in said, line
+        for made in re.findall(r"(?: -o | > )(\S+)", line):
+            assert (reader.folder / made).stat().st_size > 0, line
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -125,10 +133,10 @@ def _as_run(line: str) -> str:
 def _view(reader: Person, line: str) -> tuple[int, str]:
     """`volsplat view`, until it says where its page is; Ctrl-C then ends it."""
     said = ""
-    with reader.starts(*shlex.split(line)[1:], "--no-browser") as process:
-        assert process.stderr is not None
+    with closing(reader.begins(*shlex.split(line)[1:], "--no-browser")) as process:
         for text in process.stderr:
             said += text
             if "http://" in text:
                 process.send_signal(signal.SIGINT)
-    return (0 if process.returncode == EXIT_INTERRUPTED else 1), said
+        status = process.wait(PATIENCE)
+    return (0 if status == EXIT_INTERRUPTED else 1), said

@@ -15,7 +15,7 @@ import torch
 from support.checkout import ROOT
 from support.files.images import read_image
 from support.files.loopback_files import served
-from support.pages.viewed import viewed
+from support.pages.viewed import viewed_from_shell
 from support.patience import PATIENCE
 from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
@@ -66,7 +66,7 @@ def test_images_are_drawn_and_written_without_torch(head: Path) -> None:
 
 @pytest.mark.usefixtures("without_torch")
 def test_the_page_draws_without_torch(head: Path) -> None:
-    with viewed(head.parent, head, "--workers", "1") as view, view.viewport("a") as viewport:
+    with viewed_from_shell(head.parent, head, "--workers", "1") as view, view.viewport("a") as viewport:
         viewport.says("size", width=64, height=64)
         assert viewport.last_picture()[-1].data.startswith(b"\x89PNG")
 

@@ -17,7 +17,7 @@ import psutil
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from support.pages.viewed import viewed
+from support.pages.viewed import viewed, viewed_from_shell
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT, Person
 from support.programs.server_processes import is_server
@@ -72,7 +72,7 @@ def test_a_signal_ends_it_while_it_waits_for_servers(volume: Path, tmp_path: Pat
 
 @pytest.mark.parametrize("number", STATUS, ids=str)
 def test_a_signal_ends_it_while_a_page_looks_on(volume: Path, number: signal.Signals) -> None:
-    with viewed(volume.parent, volume, "--workers", "1") as view, view.viewport("a") as viewport:
+    with viewed_from_shell(volume.parent, volume, "--workers", "1") as view, view.viewport("a") as viewport:
         viewport.says("size", width=64, height=64)
         viewport.last_picture()
         view.process.send_signal(number)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from subprocess import Popen
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,7 +24,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from support.pages import patient_http
 from support.patience import PATIENCE
-from support.programs.programs import Person
+from support.programs.programs import Forked, Person
 from support.programs.server_processes import is_server
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -38,7 +38,7 @@ class Viewed:
     """A running `volsplat view`."""
 
     url: str
-    process: subprocess.Popen[str]
+    process: Forked | Popen[str]
     person: Person
     said: list[str] = field(default_factory=list)  # lines on its stderr
 
@@ -74,29 +74,50 @@ class Viewed:
 
 @contextmanager
 def viewed(folder: Path, volume: Path | None, *arguments: str) -> Iterator[Viewed]:
-    """Start the command in a folder, wait for its address, and end it by Ctrl-C; nothing may be left then."""
+    """Fork the command in a folder, wait for its address, and end it by Ctrl-C; nothing may be left then."""
     person = Person(folder)
-    named = () if volume is None else (str(volume),)
-    process = person.starts("view", *named, "--no-browser", *arguments)
+    with closing(person.begins(*_words(volume, arguments))) as process, _watched(process, person) as view:
+        yield view
+    assert not person.servers(), "servers were left behind"
+
+
+@contextmanager
+def viewed_from_shell(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
+    """The same, with the command as a shell starts it."""
+    person = Person(folder)
+    with person.starts(*_words(volume, arguments)) as process:
+        try:
+            with _watched(process, person) as view:
+                yield view
+        finally:
+            process.kill()
+    assert not person.servers(), "servers were left behind"
+
+
+def _words(volume: Path | None, arguments: Iterable[str]) -> list[str]:
+    return ["view", *([] if volume is None else [str(volume)]), "--no-browser", *arguments]
+
+
+@contextmanager
+def _watched(process: Forked | Popen[str], person: Person) -> Iterator[Viewed]:
     assert process.stderr is not None
     said: list[str] = []
-    watchdog = threading.Timer(PATIENCE, process.kill)
+    watchdog = threading.Timer(PATIENCE, process.send_signal, [signal.SIGKILL])
     watchdog.start()
     try:
         url = _address(process.stderr, said)
+    finally:
         watchdog.cancel()
-        assert url is not None, "".join(said)
-        reading = threading.Thread(target=lambda: said.extend(process.stderr or []), daemon=True)
-        reading.start()
+    assert url is not None, "".join(said)
+    reading = threading.Thread(target=said.extend, args=[process.stderr], daemon=True)
+    reading.start()
+    try:
         yield Viewed(url, process, person, said)
         process.send_signal(signal.SIGINT)
         process.wait(PATIENCE)
-        reading.join()
     finally:
-        watchdog.cancel()
-        process.kill()
-        process.communicate()
-    assert not person.servers(), "servers were left behind"
+        process.send_signal(signal.SIGKILL)
+        reading.join(PATIENCE)
 
 
 @pytest.fixture(scope="module")

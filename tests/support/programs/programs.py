@@ -5,6 +5,7 @@ import secrets
 import subprocess
 import sys
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NoReturn
@@ -24,7 +25,38 @@ SERVERS = ("mapshade_server", "splat_server")
 _LOADED = get_context("forkserver")
 _COMMANDS = [entry.module.format(name=name) for name, entry in ENTRIES.items() if not entry.program]
 _BENCHMARKS = [f"volsplat.bench.commands.{name}_command" for name in SUMMARIES]
-_LOADED.set_forkserver_preload([*_COMMANDS, *_BENCHMARKS, "torch", "SimpleITK", "OpenImageIO"])
+_PAGES = [f"volsplat.client.ui.{name}" for name in ("application", "opening.start_page", "page")]
+_LOADED.set_forkserver_preload([*_COMMANDS, *_BENCHMARKS, "torch", "SimpleITK", "OpenImageIO", *_PAGES])
+
+
+class Forked:
+    """A command that runs in a process whose modules were loaded before it was forked. To be used as a Popen."""
+
+    def __init__(self, words: list[str], folder: Path, environment: dict[str, str]) -> None:
+        reader, writer = _LOADED.Pipe(duplex=False)
+        with reader, writer:
+            self._process = _LOADED.Process(target=_piped_command, args=(words, folder, environment, writer))
+            self._process.start()
+            self.stderr = open(os.dup(reader.fileno()), encoding="utf-8")
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    def send_signal(self, number: int) -> None:
+        if self._process.is_alive():
+            os.kill(self.pid, number)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its status. Raises subprocess.TimeoutExpired."""
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0)
+        return self._process.exitcode
+
+    def close(self) -> None:
+        """End it, however it is."""
+        self._process.kill()
+        self._process.join()
+        self.stderr.close()
 
 
 class Person:
@@ -53,6 +85,10 @@ class Person:
             assert process.exitcode is not None and process.exitcode != -9, f"{words} never ended: {out}{err}"
             return subprocess.CompletedProcess(words, process.exitcode, out, err)
 
+    def begins(self, *arguments: str) -> Forked:
+        """The command, as `runs` runs it, whose stderr can be read meanwhile."""
+        return Forked(["volsplat", *arguments], self.folder, self.environment)
+
     def starts(self, *arguments: str) -> "subprocess.Popen[str]":
         """The command as a shell starts it."""
         return subprocess.Popen(
@@ -80,6 +116,17 @@ class Person:
 def _command(words: list[str], folder: Path, environment: dict[str, str], said: list[Path]) -> NoReturn:
     for number, path in enumerate(said, start=1):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
+    _become(words, folder, environment)
+
+
+def _piped_command(words: list[str], folder: Path, environment: dict[str, str], stderr: Connection) -> NoReturn:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os.dup2(stderr.fileno(), 2)
+    stderr.close()
+    _become(words, folder, environment)
+
+
+def _become(words: list[str], folder: Path, environment: dict[str, str]) -> NoReturn:
     os.chdir(folder)
     os.environ.update(environment)  # what libraries have set while they were loaded stays
     sys.argv = words

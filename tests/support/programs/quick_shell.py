@@ -56,12 +56,12 @@ class QuickShell:
             self._forker.wait()
             self._place.cleanup()
 
-    def runs(self, script: str, limit: float) -> "subprocess.CompletedProcess[str]":
+    def runs(self, script: str, limit: float, folder: Path | None = None) -> "subprocess.CompletedProcess[str]":
         """A script, as bash runs it until a command fails. Raises subprocess.TimeoutExpired after so many seconds."""
         with TemporaryFile("w+", encoding="utf-8") as said:  # a pipe ends only with all who have it
             shell = subprocess.Popen(
                 ["bash", "-e", "-c", script],
-                cwd=self._folder,
+                cwd=folder or self._folder,
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
                 stdout=said,
