@@ -240,6 +240,7 @@ class SlabWalk:
         dims: Index,
         visible: Array,
         look: tuple[Index, Sequence[Sequence[int]]],
+        inner: tuple[Index, Sequence[Sequence[int]]],
         spread: tuple[Index, Sequence[Sequence[int]]],
         overshoot: tuple[float, float],
         closed_tiles: Array | None,

@@ -209,8 +209,9 @@ BALANCED = 1.1
 SLAB_RIPPLE = 0.01
 """Of a slab's depth, from the thinnest pixel to the thickest, with the default kernel."""
 
-# Of the pixels of step G, off by more than one level against exact positions and weights: where tables are steep.
-MISMATCHED_SLABS = 0.02
+# Of the pixels of step G, off by more than one level against exact positions and weights: where tables are steep, and
+# the more the sharper the kernel is.
+MISMATCHED_SLABS = 0.04
 
 # Of the pixels, whose field's byte two ways of computing round differently.
 FEW_TIES = 0.002

@@ -6,13 +6,15 @@ from pathlib import Path
 from torch import Tensor
 
 from volsplat.bench.quality.ct_head import ANGLES
-from volsplat.bench.quality.lit_scenes import SIGNAL_ANGLES, signal_scene
+from volsplat.bench.quality.lit_scenes import SIGNAL_ANGLES, grey_scene, signal_scene
 from volsplat.bench.quality.side_by_side import SideBySide, opened_phantom
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.scene_tables import TableName, benchmark_scene
+from volsplat.client.histogram.density_histogram import landmarks
 from volsplat.client.image.image_file import over_background, write_pixels
 from volsplat.client.image.picture_sheet import SheetPicture, picture_sheet
-from volsplat.protocol.description.scene import Scene
+from volsplat.client.scene.table_makers import scalars
+from volsplat.protocol.description.scene import Quantise, Scene
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 
 SIDE = 240  # pixels of a picture
@@ -34,10 +36,23 @@ def _signal(opened: SideBySide) -> Scene:
     return signal_scene().with_(rotation=rotation_from_angles(*SIGNAL_ANGLES))
 
 
+def _grey(between: float, solid: float) -> Callable[[SideBySide], Scene]:
+    """Nothing of the background; the opacities where objects begin, and in their cores."""
+
+    def scene(opened: SideBySide) -> Scene:
+        at = landmarks(opened.renderer.volume.density_histogram())
+        shown = grey_scene(scalars((at.background, 0.0), (at.object, between), (at.core, solid)), Quantise())
+        return shown.with_(rotation=rotation_from_angles(*ANGLES))
+
+    return scene
+
+
 SUBJECTS: Sequence[Subject] = (
     ("head, skin", "head", _by_tables(TableName.SKIN)),
     ("head, bone", "head", _by_tables(TableName.BONE)),
+    ("tRNA", "rna", _grey(0.3, 0.9)),
     ("Marschner-Lobb", "marschner-lobb", _signal),
+    ("galaxy", "galaxy", _grey(0.05, 0.3)),
     ("shells", "shells", _by_tables(TableName.SHELLS)),
 )
 

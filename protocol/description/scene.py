@@ -346,6 +346,7 @@ class SlabKernel(StrEnum):
     BSPLINE = "bspline"
     KAISER_BESSEL = "kaiser-bessel"
     CONE = "cone"
+    BALANCED = "balanced"
     CRISP = "crisp"
     QUASI_INTERPOLATING = "quasi-interpolating"
 
@@ -382,10 +383,11 @@ class Reconstruction(Part, frozen=True):
     slab_kernel: Annotated[
         SlabKernel,
         Key(
-            "The shape of the kernel of step G. The last two have weights below 0 as well, and blur least.",
+            "The shape of the kernel of step G. The last three have weights below 0 as well, and blur least: balanced"
+            " is between blur\nand ringing, the other two are sharper still.",
             Menu("slab kernel"),
         ),
-    ] = SlabKernel.KAISER_BESSEL
+    ] = SlabKernel.BALANCED
 
 
 class Refine(Part, frozen=True):

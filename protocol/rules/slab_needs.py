@@ -50,8 +50,16 @@ class Surroundings(NamedTuple):
     """Offsets of voxels from that in whose cell the middle of a slab lies."""
 
     looks: Neighbourhood  # what its two densities can depend on
+    inner: Neighbourhood  # of these, all that may have weights above 0
     needs: Neighbourhood  # what its gradient can depend on as well
     beyond: Index  # how far outside of the bounds voxels may be needed for what is drawn within
+
+
+class Radii(NamedTuple):
+    """Of a kernel, in voxels."""
+
+    outer: float
+    inner: float  # no weight further away is above 0
 
 
 class Body(NamedTuple):
@@ -96,10 +104,10 @@ class Body(NamedTuple):
 
 
 def surroundings(
-    grid: GridOnScreen, geometry: Geometry, radius: float, spacing: float, baseline: int, rounding: float
+    grid: GridOnScreen, geometry: Geometry, radii: Radii, spacing: float, baseline: int, rounding: float
 ) -> Surroundings:
-    """Of a kernel of `radius`, and planes `spacing` pixels apart; gradients look `baseline` pixels aside, and voxels
-    are drawn within `rounding` pixels of where they lie."""
+    """Of a kernel with these radii, and planes `spacing` pixels apart; gradients look `baseline` pixels aside, and
+    voxels are drawn within `rounding` pixels of where they lie."""
     i, j, k = grid.factors
     to_physical = matrices.product(geometry.index_to_physical, ((i, 0.0, 0.0), (0.0, j, 0.0), (0.0, 0.0, k)))
     per_pixel = grid.zoom / (geometry.reference_spacing * grid.thickness)
@@ -107,12 +115,12 @@ def surroundings(
     pixels = matrices.inverse(matrices.times(lengths, per_pixel * per_pixel))
     widening = _widening(grid, spacing)
     to_plane, aside = spacing / 2, math.hypot(spacing / 2, baseline)
-    looks = Body(radius, pixels, widening, to_plane + rounding)
-    needs = Body(radius, pixels, widening, aside + rounding)
+    looks, inner = (Body(radius, pixels, widening, to_plane + rounding) for radius in radii)
+    needs = Body(radii.outer, pixels, widening, aside + rounding)
     # The middle of a slab that begins or ends within the bounds lies half a slab outside
     half_slab = [to_plane * math.sqrt(pixels[axis][axis]) for axis in range(3)]
     i, j, k = (math.floor(far + more) for far, more in zip(needs.reach(), half_slab, strict=True))
-    return Surroundings(_neighbourhood(looks), _neighbourhood(needs), (i, j, k))
+    return Surroundings(_neighbourhood(looks), _neighbourhood(inner), _neighbourhood(needs), (i, j, k))
 
 
 def _widening(grid: GridOnScreen, spacing: float) -> float:

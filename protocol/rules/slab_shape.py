@@ -21,8 +21,8 @@ from volsplat.protocol.rules.footprint_shape import GREATEST_COEFFICIENT, widene
 from volsplat.protocol.rules.grid_on_screen import Dda, GridOnScreen, dda
 from volsplat.protocol.rules.levels import point_at_level
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBPIXEL_BITS
-from volsplat.protocol.rules.slab_kernels import GREATEST_OVERSHOOT, OVERSHOOT, SLAB_RADIUS
-from volsplat.protocol.rules.slab_needs import Neighbourhood, surroundings
+from volsplat.protocol.rules.slab_kernels import GREATEST_OVERSHOOT, INNER_RADIUS, OVERSHOOT, SLAB_RADIUS
+from volsplat.protocol.rules.slab_needs import Neighbourhood, Radii, surroundings
 
 MOST_PLANES = 1 << 20
 LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to either side
@@ -47,8 +47,9 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     half_extents: Vector  # of the ellipsoid's bounding box: pixels, pixels, planes
     baseline: int  # pixels: gradients are differences over so many to either side
     looks: Neighbourhood  # of the voxel in whose cell a slab has its middle: what its densities can depend on
+    inner: Neighbourhood  # of these, all that may have weights above 0
     needs: Neighbourhood  # and what its gradient can depend on as well
-    overshoot: float  # by which densities may leave those of the voxels around, as a share of what lies between these
+    overshoot: float  # by which densities may leave those of the inner voxels, as a share of how far the others go
     beyond: Index  # how many voxels outside of the bounds may be needed for what is drawn within
     grid: tuple[Vector, Vector, Vector, Vector]  # i, j, k of pixel (0, 0) on plane 0, and what each of x, y, d adds
     gradient: Matrix  # from differences per pixel right, pixel down and plane to those per unit along physical axes
@@ -103,11 +104,12 @@ def slab_shape(
     """
     spacing = reconstruction.slab * grid.zoom  # of planes, in pixels
     radius, offset_bits = SLAB_RADIUS[reconstruction.slab_kernel], _offset_bits(grid.zoom)
+    radii = Radii(radius, INNER_RADIUS[reconstruction.slab_kernel])
     covariance, baseline = _covariance(grid, spacing), max(1, round(grid.zoom / 2))
     to_grid = matrices.inverse(grid.pixels_per_index)
     across, down = matrices.column(to_grid, 0), matrices.column(to_grid, 1)
     behind = matrices.scaled(matrices.column(to_grid, 2), -spacing)  # from a plane to the next
-    around = surroundings(grid, geometry, radius, spacing, baseline, _rounding(spacing, offset_bits))
+    around = surroundings(grid, geometry, radii, spacing, baseline, _rounding(spacing, offset_bits))
     half_x, half_y, half_z = (radius * math.sqrt(covariance[axis][axis]) for axis in range(3))
     low, high = _around(clip)
     # The middle of the volume lies on a plane, whatever is drawn of it
@@ -129,6 +131,7 @@ def slab_shape(
         half_extents=(half_x, half_y, half_z / spacing),
         baseline=baseline,
         looks=around.looks,
+        inner=around.inner,
         needs=around.needs,
         overshoot=OVERSHOOT[reconstruction.slab_kernel],
         beyond=around.beyond,

@@ -15,6 +15,10 @@ constexpr int kIntervals = 4096;            // of the kernel over rho^2
 constexpr double kLargestTable = 1 << 27;   // weights
 constexpr int kAround = 2 * kPlanesAtOnce;  // numbers before and behind that may be read
 
+// As kLeastKnown, of kernels with weights below 0. On the edges of a volume weights sum to a quarter, in its corners to
+// an eighth: rounding should not decide there.
+constexpr double kSignedLeastKnown = 3.0 / 16;
+
 int rounded_up(int number, int to) { return (number + to - 1) / to * to; }
 
 double checked(double half_extent) {
@@ -139,7 +143,7 @@ SlabTableView SlabTable::view_of(const Slices<Number>& found) const {
             top_.data(),
             front_.data(),
             signed_ ? SumLayout<Number>::kSignedBias : 0,
-            static_cast<std::int32_t>(kLeastKnown * unit<Number>()),
+            static_cast<std::int32_t>((signed_ ? kSignedLeastKnown : kLeastKnown) * unit<Number>()),
             before_,
             offset_bits_,
             slices_,

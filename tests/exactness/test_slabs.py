@@ -53,6 +53,8 @@ def difference(scene: Scene, geometry: Geometry, exact: bool, values: Tensor | N
 
 @settings(max_examples=examples(8))
 @given(turns, st.floats(0.3, 3.0), st.sampled_from(SlabKernel), st.floats(0.5, 2.0), st.sampled_from([CUBIC, SKEWED]))
+@example((0.0, 0.0, 0.0, 1.0), 2.0, SlabKernel.BALANCED, 1.0, CUBIC)
+@example((0.3, 0.1, 0.2, 0.9), 1.3, SlabKernel.BALANCED, 1.0, SKEWED)
 @example((0.0, 0.0, 0.0, 1.0), 2.0, SlabKernel.KAISER_BESSEL, 1.0, CUBIC)
 @example((0.0, 0.0, 0.0, 1.0), 0.3, SlabKernel.KAISER_BESSEL, 1.0, CUBIC)
 def test_on_the_same_integers_it_is_the_references(

@@ -14,6 +14,7 @@ from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import IDENTITY, Vector
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, SUBPIXEL_BITS
+from volsplat.protocol.rules.slab_kernels import INNER_RADIUS
 from volsplat.protocol.rules.slab_needs import Neighbourhood
 from volsplat.protocol.rules.slab_shape import SlabShape
 
@@ -48,6 +49,7 @@ def holds(neighbourhood: Neighbourhood, offset: Vector) -> bool:
 )
 @example((0.0, 0.0, 0.0, 1.0), 1.9, 1.0, SlabKernel.KAISER_BESSEL, IDENTITY, 0)
 @example((0.3, 0.1, 0.2, 0.9), 0.25, 1.0, SlabKernel.GAUSSIAN, SKEWED, 0)
+@example((0.3, 0.1, 0.2, 0.9), 1.9, 1.0, SlabKernel.BALANCED, SKEWED, 1)
 def test_every_voxel_that_reaches_a_slab_is_held_to_be_needed(
     rotation: tuple[float, float, float, float],
     zoom: float,
@@ -74,11 +76,13 @@ def test_every_voxel_that_reaches_a_slab_is_held_to_be_needed(
         )
         voxel: Vector = (float(round(place[0])), float(round(place[1])), float(round(place[2])))
         from_plane = matrices.minus(matrices.applied(to_screen, matrices.minus(voxel, middle)), off)
-        if matrices.dot(from_plane, matrices.applied(shape.form, from_plane)) >= shape.radius**2:
+        square = matrices.dot(from_plane, matrices.applied(shape.form, from_plane))
+        if square >= shape.radius**2:
             continue
         assert holds(shape.needs, voxel)
         if aside == (0, 0):
             assert holds(shape.looks, voxel)
+            assert holds(shape.inner, voxel) or square >= INNER_RADIUS[kernel] ** 2
 
 
 def test_no_more_is_looked_at_than_balls_hold_and_it_is_the_same_from_every_side() -> None:

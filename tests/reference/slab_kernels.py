@@ -2,7 +2,8 @@
 
 A wave of frequency w, sampled at all voxels and restored by a kernel K, is off by the mean over places
 1 - 2 K(w) + sum over n of K(w + 2 pi n)^2, K(w) being the kernel's Fourier transform. The kernels are those of
-(1 - q)^2 (c0 + c1 q + ...), q = (r / radius)^2, for which the sum of that over waves is least.
+(1 - q)^2 (c0 + c1 q + ...), q = (r / radius)^2, for which the sum of that over waves is least. The default one is a
+mean of such a one and of a bell, (1 - q)^4.
 """
 
 import math
@@ -18,6 +19,7 @@ POINTS = 801  # of a kernel over r
 FALL, FALL_FROM = 6, 0.15  # of a wave's share: (frequency + from) to the power -fall
 WAVES = 1500
 ALIASES = 2  # of each, to either side on each axis
+BELL_SHARE = 0.2  # of the default kernel
 
 
 def slab_density(kernel: SlabKernel, r: Tensor) -> Tensor:
@@ -30,12 +32,20 @@ def slab_density(kernel: SlabKernel, r: Tensor) -> Tensor:
     return found
 
 
+def coefficients_of(kernel: SlabKernel, radius: float, count: int) -> Tensor:
+    """Those (count,) of a kernel with weights below 0, scaled so that it integrates to 1."""
+    best = least_squares(radius, count)
+    if kernel != SlabKernel.BALANCED:
+        return best
+    bell = torch.zeros(count, dtype=torch.float64)
+    bell[:3] = torch.tensor([1.0, -2.0, 1.0])
+    whole = _over_space(radius, count)[1].sum(dim=0) @ bell
+    return (1 - BELL_SHARE) * best + BELL_SHARE * bell / whole
+
+
 def least_squares(radius: float, count: int) -> Tensor:
     """The coefficients (count,), scaled so that the kernel integrates to 1."""
-    r = torch.linspace(0, radius, POINTS, dtype=torch.float64)
-    spheres = 4 * math.pi * r**2 * radius / (POINTS - 1)
-    spheres[-1] /= 2
-    shapes = _shapes(r, radius, count) * spheres[:, None]
+    r, shapes = _over_space(radius, count)
 
     def transformed(frequency: Tensor) -> Tensor:
         return torch.sinc(frequency[:, None] * r / math.pi) @ shapes
@@ -52,6 +62,14 @@ def least_squares(radius: float, count: int) -> Tensor:
         squares += (found * share[:, None]).T @ found
     coefficients: Tensor = torch.linalg.solve(squares, (transformed(size) * share[:, None]).sum(dim=0))
     return coefficients / (shapes.sum(dim=0) @ coefficients)
+
+
+def _over_space(radius: float, count: int) -> tuple[Tensor, Tensor]:
+    """Distances (n,), and what each shape has at each of them (n, count), by its share of space."""
+    r = torch.linspace(0, radius, POINTS, dtype=torch.float64)
+    spheres = 4 * math.pi * r**2 * radius / (POINTS - 1)
+    spheres[-1] /= 2
+    return r, _shapes(r, radius, count) * spheres[:, None]
 
 
 def _shapes(r: Tensor, radius: float, count: int) -> Tensor:

@@ -41,10 +41,11 @@ class Planes:
     weights: Tensor  # (planes, lines, columns)
     densities: Tensor  # times weights
     unit: float  # what weights sum to
+    least_known: float  # of it: where weights sum to less, nothing is known
 
     @property
     def known(self) -> Tensor:
-        return self.weights >= math.floor(LEAST_KNOWN * self.unit)
+        return self.weights >= math.floor(self.least_known * self.unit)
 
     @property
     def density(self) -> Tensor:
@@ -97,7 +98,8 @@ def reconstructed(
         at = ((plane * shape[1] + y) * shape[2] + x)[inside]
         weights.index_add_(0, at, weight)
         densities.index_add_(0, at, weight * density[part, None].expand_as(rho)[inside])
-    return Planes(weights.reshape(shape), densities.reshape(shape), unit)
+    least_known = LEAST_KNOWN[scene.reconstruction.slab_kernel]
+    return Planes(weights.reshape(shape), densities.reshape(shape), unit, least_known)
 
 
 def _positions(

@@ -46,9 +46,9 @@ public:
                    const std::array<bool, 3>& ascending, const std::array<VisitNumbers, 3>& visits, const DdaNumbers& x,
                    const DdaNumbers& y, const DdaNumbers& depth, const std::array<std::int64_t, 2>& image,
                    const std::array<double, 2>& reach, const std::array<std::int64_t, 3>& groups, const Index3& dims,
-                   const DensityArray& visible, const NeighbourhoodNumbers& look, const NeighbourhoodNumbers& spread,
-                   const std::array<double, 2>& overshoot, std::optional<TileArray> closed_tiles,
-                   const std::vector<LineNumbers>& regions, std::int64_t walkers,
+                   const DensityArray& visible, const NeighbourhoodNumbers& look, const NeighbourhoodNumbers& inner,
+                   const NeighbourhoodNumbers& spread, const std::array<double, 2>& overshoot,
+                   std::optional<TileArray> closed_tiles, const std::vector<LineNumbers>& regions, std::int64_t walkers,
                    const std::array<std::int64_t, 2>& limits) {
         const auto [count, lead, before] = groups;
         const SlabPlan plan{{axes,
@@ -69,7 +69,14 @@ public:
         closed_tiles_ = std::move(closed_tiles);
         if (closed_tiles_) check_tiles(*closed_tiles_, plan.walk);
         const std::vector<Lines> lines = regions_of(regions, plan.walk.height);
-        Need need{{}, neighbourhood_of(look), neighbourhood_of(spread), overshoot[0], overshoot[1], {}, {}};
+        Need need{{},
+                  neighbourhood_of(look),
+                  neighbourhood_of(inner),
+                  neighbourhood_of(spread),
+                  overshoot[0],
+                  overshoot[1],
+                  {},
+                  {}};
         std::memcpy(need.visible.data(), visible.data(), sizeof(need.visible));
         std::vector<NeededBox> needed;
         for (const auto& [packets, low, kept] : boxes) {
@@ -110,12 +117,12 @@ void bind_slab_walk(nb::module_& m) {
                       const std::array<VisitNumbers, 3>&, const DdaNumbers&, const DdaNumbers&, const DdaNumbers&,
                       const std::array<std::int64_t, 2>&, const std::array<double, 2>&,
                       const std::array<std::int64_t, 3>&, const Index3&, const DensityArray&,
-                      const NeighbourhoodNumbers&, const NeighbourhoodNumbers&, const std::array<double, 2>&,
-                      std::optional<TileArray>, const std::vector<LineNumbers>&, std::int64_t,
-                      const std::array<std::int64_t, 2>&>(),
+                      const NeighbourhoodNumbers&, const NeighbourhoodNumbers&, const NeighbourhoodNumbers&,
+                      const std::array<double, 2>&, std::optional<TileArray>, const std::vector<LineNumbers>&,
+                      std::int64_t, const std::array<std::int64_t, 2>&>(),
              "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "depth"_a, "image"_a, "reach"_a, "groups"_a,
-             "dims"_a, "visible"_a, "look"_a, "spread"_a, "overshoot"_a, "closed_tiles"_a.none(), "regions"_a,
-             "walkers"_a, "limits"_a)
+             "dims"_a, "visible"_a, "look"_a, "inner"_a, "spread"_a, "overshoot"_a, "closed_tiles"_a.none(),
+             "regions"_a, "walkers"_a, "limits"_a)
         .def_prop_ro("walkers", &PythonSlabWalk::walkers)
         .def("walker", &PythonSlabWalk::walker, "number"_a, nb::rv_policy::reference_internal);
 }

@@ -154,18 +154,28 @@ void mark_outside(Bytes& marks, const Index3& size, const Index3& begin, const I
         }
 }
 
-// What densities may be where those of the voxels around are these.
-void overshoot(Bytes& least, Bytes& greatest, const Bytes& edge, const Need& need) {
+struct Extremes {
+    Bytes least, greatest;
+
+    void widen(const Index3& size, const Neighbourhood& neighbourhood) {
+        volsplat::widen<Least>(least, size, neighbourhood);
+        volsplat::widen<Greatest>(greatest, size, neighbourhood);
+    }
+};
+
+// What densities may be where those of the inner voxels are these, and those of all around the others.
+void overshoot(Extremes& inner, const Extremes& around, const Bytes& edge, const Need& need) {
     std::array<int, 256> more[2];  // by what lies between them: inside, and at edges
     for (int between = 0; between <= kDensest; ++between) {
         more[0][between] = static_cast<int>(std::ceil(std::min(between * need.overshoot, 255.0)));
         more[1][between] = static_cast<int>(std::ceil(std::min(between * need.edge_overshoot, 255.0)));
     }
-    for (std::size_t n = 0; n < least.size(); ++n) {
-        if (greatest[n] <= least[n]) continue;
-        const int by = more[edge[n]][greatest[n] - least[n]];
-        least[n] = static_cast<std::uint8_t>(std::max(least[n] - by, 0));
-        greatest[n] = static_cast<std::uint8_t>(std::min(greatest[n] + by, 255));
+    for (std::size_t n = 0; n < edge.size(); ++n) {
+        const int least = inner.least[n], greatest = inner.greatest[n];
+        if (greatest < least) continue;  // none has data
+        const int below = more[edge[n]][around.greatest[n] - least], above = more[edge[n]][greatest - around.least[n]];
+        inner.least[n] = static_cast<std::uint8_t>(std::max(least - below, 0));
+        inner.greatest[n] = static_cast<std::uint8_t>(std::min(greatest + above, 255));
     }
 }
 
@@ -219,19 +229,26 @@ Bytes edges(const Bytes& no_data, const Part& part, const Sides& sides, const Ne
 Bytes showing(const std::uint32_t* packets, const Index3& size, const Part& part, const Sides& sides, const Need& need,
               const Bytes& no_data) {
     const std::size_t count = no_data.size();
-    Bytes least(count), greatest(count);
+    Extremes inner{Bytes(count), Bytes(count)};
     each_row(packets, size, part, [&](const std::uint32_t* row, std::size_t first) {
         for (std::int64_t n = 0; n < part.size[0]; ++n) {
             const auto density = static_cast<std::uint8_t>(row[n]);
             const auto lacking = static_cast<std::uint8_t>(-no_data[first + n]);  // all bits of it, or none
-            least[first + n] = density | lacking;
-            greatest[first + n] = density & ~lacking;
+            inner.least[first + n] = density | lacking;
+            inner.greatest[first + n] = density & ~lacking;
         }
     });
-    widen<Least>(least, part.size, need.look);
-    widen<Greatest>(greatest, part.size, need.look);
-    if (need.overshoot > 0) overshoot(least, greatest, edges(no_data, part, sides, need), need);
+    if (need.overshoot > 0) {
+        Extremes around = inner;
+        around.widen(part.size, need.look);
+        if (need.inner == need.look) inner = around;
+        else inner.widen(part.size, need.inner);
+        overshoot(inner, around, edges(no_data, part, sides, need), need);
+    } else {
+        inner.widen(part.size, need.look);
+    }
     Bytes found(count);
+    const std::uint8_t *const least = inner.least.data(), *const greatest = inner.greatest.data();
     for (const Densities& seen : visible_densities(need)) {
         VOLSPLAT_INDEPENDENT
         for (std::size_t n = 0; n < count; ++n) found[n] |= least[n] <= seen.last && greatest[n] >= seen.first;

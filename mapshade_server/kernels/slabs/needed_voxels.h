@@ -1,6 +1,7 @@
 // Which voxels of a box a frame of slabs needs: all that the density may depend on wherever something can be seen.
 //
-// A slab's densities lie between those of the voxels around it; with weights below 0, not far outside. So where the
+// A slab's densities lie between those of the voxels around it; with weights below 0, not far outside of those that are
+// so near as to have weights above 0. So where the
 // least and the greatest of these enclose no density that can be seen, nothing is seen, and whatever of them is left
 // out changes nothing. That holds for any superset as well: towards a part of the grid that another box has, whatever
 // may be needed is.
@@ -28,9 +29,10 @@ struct Neighbourhood {
 struct Need {
     std::array<std::uint64_t, 4> visible;  // a bit for each density
     Neighbourhood look;                    // what the densities of a slab with its middle in a voxel's cell depend on
+    Neighbourhood inner;                   // of these, all that may have weights above 0
     Neighbourhood spread;                  // and what is needed if these may show anything
-    // By how much a density may leave those around, as a share of what lies between these: where all voxels around have
-    // data, and where weights may sum to little
+    // By how much a density may leave the inner ones, as a share of how far those around lie on their other side: where
+    // all voxels around have data, and where weights may sum to little
     double overshoot, edge_overshoot;
     std::array<bool, 3> before, behind;  // whether the grid goes on beyond the box
 
