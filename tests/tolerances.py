@@ -213,6 +213,10 @@ SLAB_RIPPLE = 0.01
 # the more the sharper the kernel is.
 MISMATCHED_SLABS = 0.04
 
+# Of a ball's mean alpha by step G, from the faintest side to the brightest: with a kernel without weights below 0, and
+# with the default one, which overshoots at its rim; what leaves the table is set to its end.
+UNEVEN_BALL, UNEVEN_BALL_OVERSHOT = 0.005, 0.006
+
 # Of the pixels, whose field's byte two ways of computing round differently.
 FEW_TIES = 0.002
 
