@@ -19,6 +19,7 @@ from websockets.exceptions import ConnectionClosed
 
 from support.pages.viewed import viewed, viewed_from_shell
 from support.patience import PATIENCE, wait_until
+from support.programs.hand_started import free_port
 from support.programs.programs import VOLSPLAT, Person
 from support.programs.server_processes import is_server
 from volsplat.client.phantoms import make_phantom
@@ -155,8 +156,7 @@ def ssh_door(folder: Path) -> Iterator[list[str]]:
     shutil.copy(folder / "key.pub", folder / "authorized")
     if os.getuid() == 0:
         Path("/run/sshd").mkdir(exist_ok=True)
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = str(free.getsockname()[1])
+    port = str(free_port())
     settings = {"StrictModes": "no", "UsePAM": "no", "PidFile": "none", "PasswordAuthentication": "no"}
     settings |= {"AuthorizedKeysFile": str(folder / "authorized"), "HostKey": str(folder / "host")}
     given = [word for name, value in settings.items() for word in ("-o", f"{name}={value}")]
@@ -180,8 +180,7 @@ def test_the_end_of_ssh_ends_the_view_and_frees_its_port(volume: Path, tmp_path:
     mark = f"head-{secrets.token_hex(4)}.nrrd"
     shutil.copy(volume, tmp_path / mark)
     with ssh_door(tmp_path) as ssh:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = str(free.getsockname()[1])
+        port = str(free_port())
         remote = f"{VOLSPLAT} view {tmp_path / mark} --no-browser --workers 1 --port {port}"
         for _ in range(2):  # the second needs the first one's port
             command = [*ssh, terminal, f"{getpass.getuser()}@127.0.0.1", remote]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import signal
-import socket
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from playwright.sync_api import Page
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
 from support.patience import PATIENCE, wait_until
+from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -72,8 +72,7 @@ def test_a_redirect_file_that_nobody_opened_is_gone_at_the_end(person: Person) -
 
 def listening(person: Person) -> tuple[list[str], str]:
     """A command's words that lets it wait for servers, and where it waits."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        place = f"127.0.0.1:{free.getsockname()[1]}"
+    place = f"127.0.0.1:{free_port()}"
     return ["view", "head.nrrd", "--workers", "1", "--listen", place], place
 
 

@@ -11,8 +11,12 @@ from volsplat.client import Session
 
 
 def servers(session: Session, program: str) -> list[psutil.Process]:
-    processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
-    return [one for one in processes if is_server(one, program)]
+    found = []
+    for pid in session.server_processes:
+        with suppress(psutil.NoSuchProcess):  # it has just ended
+            if is_server(process := psutil.Process(pid), program):
+                found.append(process)
+    return found
 
 
 def is_server(process: psutil.Process, program: str) -> bool:

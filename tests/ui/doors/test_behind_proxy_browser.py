@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, drag, opened
 from support.pages.prefix_proxy import prefix_proxy
 from support.pages.viewed import phantom, viewed, volume
+from support.programs.hand_started import free_port
 from volsplat.client.ui.doors.admission import Admission, Admitted, Asked, Refused, Welcomed
 from volsplat.client.ui.doors.peer_owner import PeerOwner
 from volsplat.client.ui.doors.public_address import PublicAddress
@@ -32,8 +32,7 @@ def test_the_page_works_under_a_prefix(volume: Path, browser_page: Page, cuts: b
     page = browser_page
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     with prefix_proxy(PREFIX, cuts=cuts) as proxy:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            proxy.target = free.getsockname()[1]
+        proxy.target = free_port()
         options = ("--workers", "1", "--port", str(proxy.target), "--behind", proxy.url)
         with viewed(volume.parent, volume, *options) as view:
             assert view.url.startswith(proxy.url)

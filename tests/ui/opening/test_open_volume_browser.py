@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -172,12 +173,19 @@ def held(view: Viewed, before: set[int]) -> list[psutil.Process]:
 
     def new() -> list[psutil.Process]:
         below = psutil.Process(view.process.pid).children()
-        return [one for one in below if one.pid not in before and FORK_SERVER in one.cmdline()]
+        return [one for one in below if one.pid not in before and FORK_SERVER in _words(one)]
 
     wait_until(lambda: bool(new()), "new servers start")
     for one in (found := new()):
         one.suspend()
     return found
+
+
+def _words(process: psutil.Process) -> list[str]:
+    """None of one that has just ended."""
+    with suppress(psutil.NoSuchProcess):
+        return process.cmdline()
+    return []
 
 
 def running(view: Viewed) -> set[int]:
