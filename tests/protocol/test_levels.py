@@ -11,15 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
+from reference.level_render import render_level
 from support.scenes.arbitrary import geometries, plain_scene, quaternion_to
 from support.scenes.partitions import cut, handed_out
-from support.scenes.phantoms import shaded_scene, shells
+from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rays import constant, crossing
 from support.scenes.rendering import rendered
 from tolerances import ONE_LEVEL, STRIDES
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.halving import halved
 from volsplat.mapshade_server.prepare.layout import halved_geometry
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Step, View
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Shading, Step, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules import levels
@@ -172,6 +174,28 @@ def test_a_level_s_image_is_the_same_for_any_partition(order: Order, number: int
             holdings = handed_out([box for box in boxes if min(box.size) > 0], workers, random)
             image = rendered(coarse, geometry, scene, step, workers=holdings, arrival=random, resolution=resolution)
             assert torch.equal(image, expected)
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+@pytest.mark.parametrize("number", [1, 2])
+def test_voxels_that_reach_beyond_the_bounds_are_as_much_less_opaque_as_the_reference_s(
+    order: Order, number: int
+) -> None:
+    geometry = Geometry((13, 14, 11))
+    level = halvings(geometry, number)[-1]
+    coarse = means((shells(14)[:11, :, :13] + 90).clamp(max=255), number)
+    scene = shaded_scene(View(rotation=OBLIQUE, zoom=1.7, center=(6.1, 6.6, 5.2)), (40, 40), order)
+    scene = msgspec.structs.replace(scene, shading=Shading(diffuse=False, specular=False))
+    for low, high in (((0, 0, 0), geometry.dims), ((1, 0, 3), (12, 13, 10))):
+        scene = msgspec.structs.replace(scene, bounds=Bounds(low=low, high=high))
+        image = rendered(coarse, geometry, scene, Step.F, resolution=Resolution(number, level, stride=1))
+        cube = SubCube.of_volume(level, coarse)
+        cube.pack(QUANTISATION)
+        packets = torch.from_numpy(np.asarray(memoryview(cube.packets)).astype(np.int64))
+        expected, unaware = (
+            render_level(packets, geometry, level, QUANTISATION, scene, partial) for partial in (True, False)
+        )
+        assert (image - expected).abs().max() <= ONE_LEVEL < (unaware - expected).abs().max()
 
 
 def test_where_striding_gives_stripes_a_level_gives_the_mean() -> None:
