@@ -136,24 +136,28 @@ class MixtureEntries:
     def left_open(self) -> int:
         """Bits of the finer densities that keys do not tell."""
 
+    def mixed(self, finer: Array) -> Array:
+        """The table in bins of the coarser level, from the finer one's: the means over what its voxels stand for."""
+
+def seen_in_columns(
+    rows: Array, depth: int, axis: int, from_high: bool, layers: int, places: int, finer: Array, coarser: Array
+) -> tuple[float, float, Array, Array]:
+    """What is seen along columns of level_columns, uint32 (columns * depth, 9), from one of their ends.
+
+    Tables are float64 (65536, 3) over density | strength << 8: optical depth of a layer, emitted, reflected. Emitted
+    light by the finer and the coarser voxels, then what they reflect, by direction code: float64 (32768,) each.
+    A coarser voxel stands for so many `layers` along the axis, of `places` voxels each.
+    """
+
 def mixture_of(finer: Array, coarser: Array) -> MixtureEntries:
     """Of packets (k, j, i) of a box, and of the voxels of the next level that are the means of them.
 
     Raises ValueError unless these are half as many on each axis.
     """
 
-def check_mixture(keys: Array, counts: Array) -> None:
-    """Raises ValueError unless these are keys and counts of MixtureEntries."""
-
 def binned(table: Array) -> Array:
     """The means of a table over density | strength << 8, float64 (65536, channels), over the strengths of each bin:
     float64 (NO_DATA_BIN + 1, channels)."""
-
-def mixed(keys: Array, counts: Array, finer: Array) -> Array:
-    """The table in bins of a coarser level, from the finer one's: the means over what its voxels stand for.
-
-    Raises ValueError for entries that are none.
-    """
 
 def unbinned(table: Array) -> Array:
     """A table in bins over density | strength << 8: float64 (65536, channels)."""

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
-from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
@@ -61,8 +60,7 @@ class VoxelSheets:
 
     def light(self, lighting: Lighting) -> NDArray[np.float32]:
         """What multiplies the reflected colour, by the direction's code."""
-        codes = self.fields.directions
-        return np.asarray(shading_tables.light_of_directions(lighting, codes), dtype=np.float32)
+        return self.fields.light(lighting)
 
     def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
         """Of each sheet within a sub-cube: where it begins, counted in every `every`th; density bytes and where there

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +14,7 @@ from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, opacity_of_code
-from volsplat.protocol.rules.shading_rule import ShadingRule
+from volsplat.protocol.rules.shading_rule import Lighting, ShadingRule
 
 OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)
 PLANE_BITS = np.uint32(0xFFFF)  # of a packet: density and strength, by which 2-D tables are indexed
@@ -73,6 +74,12 @@ class VoxelFields:
             for table, field in ((tables.emit, cross_bar.emit), (tables.refl, cross_bar.refl))
         )
         return emitted, reflected
+
+    def light(self, lighting: Lighting) -> NDArray[np.float32]:
+        """What multiplies the reflected colour, by the direction's code."""
+        lit = msgspec.structs.replace(self.shading, lighting=lighting)
+        light = shading_tables.frame_light(lit, self.geometry, self.quantisation, self.plan.factors, self.mixture)
+        return np.asarray(light, dtype=np.float32)
 
     def _entries(self, field: Field, index: Indices, packets: Packets, of_plane: bool) -> Packets | Bytes:
         return packets & PLANE_BITS if of_plane else self.bytes_of(field, index, packets)

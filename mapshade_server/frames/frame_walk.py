@@ -129,7 +129,7 @@ def _sheet_walk(
         cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
         emit=colours.emit,
         refl=colours.refl,
-        light=shading_tables.light_of_directions(shading.lighting, directions),
+        light=shading_tables.frame_light(shading, geometry, quantisation, plan.factors, mixture),
         opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
         opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],
         visibility=shading_tables.visibility(rule),

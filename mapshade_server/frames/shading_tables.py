@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, eye_along_axes
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.protocol.description.patches import PLANE_ENTRIES, Patches, colourless
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
+from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
-from volsplat.protocol.rules.index_rules import ROUGHNESS_COSINES, DirectionCode, grid_index_bytes
+from volsplat.protocol.rules.index_rules import ROUGHNESS_COSINES, DirectionCode, Quantisation, grid_index_bytes
 from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 
 # The blocks of A and B come in up to 27 sizes, and a scene is turned through A to F again and again.
@@ -116,8 +118,7 @@ class FrameColours(NamedTuple):
 
 
 def frame_colours(shading: ShadingRule, mixture: LevelMixture | None = None) -> FrameColours:
-    cross_bar, opacity = shading.cross_bar, opacity_rule(shading, mixture)
-    rule = ColourRule(shading.emit, shading.refl, cross_bar.emit, cross_bar.refl, shading.patches, opacity)
+    rule = _colour_rule(shading, mixture)
     if rule.is_mixed:
         return _mixed_colours(rule)
     if rule.patches:
@@ -126,29 +127,107 @@ def frame_colours(shading: ShadingRule, mixture: LevelMixture | None = None) -> 
     return FrameColours(colours(rule.emit), colours(rule.refl), False)
 
 
+def _colour_rule(shading: ShadingRule, mixture: LevelMixture | None) -> ColourRule:
+    cross_bar, opacity = shading.cross_bar, opacity_rule(shading, mixture)
+    return ColourRule(shading.emit, shading.refl, cross_bar.emit, cross_bar.refl, shading.patches, opacity)
+
+
 @lru_cache(KEPT_PLANES)
 def _mixed_colours(rule: ColourRule) -> FrameColours:
-    assert rule.opacity.mixture is not None
-    opacity = _own_opacity(rule.opacity)[:, None]
-    own = np.concatenate((opacity, *(opacity * colours for colours in _own_colours(rule))), axis=1)
-    means = rule.opacity.mixture.means(own)
-    seen = means[:, :1] > 0.0
-    mixed = np.where(seen, means[:, 1:] / np.where(seen, means[:, :1], 1.0), 0.0)
+    emitted, reflected = _mean_colours(rule)
     emit, refl = np.zeros((2, PLANE_ENTRIES, 4), np.float32)
-    emit[:, :3], refl[:, :3] = (np.minimum(part, 1.0) for part in np.split(mixed, 2, axis=1))
+    emit[:, :3] = np.minimum(emitted * _emission(rule), 1.0)
+    refl[:, :3] = reflected
     return FrameColours(emit.data, refl.data, True)
 
 
+@lru_cache(KEPT_PLANES)
+def _mean_colours(rule: ColourRule) -> tuple[Numbers, Numbers]:
+    """Emitted and reflected by a level's voxels, the means by opacity: (65536, 3)."""
+    assert rule.opacity.mixture is not None
+    own = _own_opacity(rule.opacity)[:, None] * np.concatenate(_own_colours(rule), axis=1)
+    opacity = mixed_opacity(rule.opacity)[:, None]
+    seen = opacity > 0.0
+    means = np.where(seen, rule.opacity.mixture.means(own) / np.where(seen, opacity, 1.0), 0.0)
+    emit, refl = np.split(np.minimum(means, 1.0), 2, axis=1)
+    return emit, refl
+
+
 def _own_colours(rule: ColourRule) -> tuple[Numbers, Numbers]:
-    """Emitted and reflected by the volume's own voxels: (65536, 3)."""
+    """Emitted and reflected by the volume's own voxels: (65536, 3). White where something else says what they are."""
     if rule.patches:
         table = plane(rule.patches)
         return np.asarray(table.emit)[:, :3], np.asarray(table.refl)[:, :3]
-    emit, refl = (
-        np.tile(of, (TABLE_ENTRIES, 1)) if field == Field.DENSITY else np.repeat(of, TABLE_ENTRIES, axis=0)
-        for of, field in ((rule.emit.entries(), rule.emit_field), (rule.refl.entries(), rule.refl_field))
-    )
-    return emit, refl
+    return _on_plane(rule.emit, rule.emit_field), _on_plane(rule.refl, rule.refl_field)
+
+
+def _on_plane(table: ColourTable, field: Field) -> Numbers:
+    entries = np.array(table.entries())
+    if field == Field.DENSITY:
+        return np.tile(entries, (TABLE_ENTRIES, 1))
+    if field == Field.STRENGTH:
+        return np.repeat(entries, TABLE_ENTRIES, axis=0)
+    return np.ones((PLANE_ENTRIES, 3))
+
+
+@lru_cache(KEPT_PLANES)
+def _seen_level(rule: ColourRule) -> SeenLevel | None:
+    """The level against the one before; None where it is as bright as it is."""
+    mixture = rule.opacity.mixture
+    if mixture is None or mixture.columns is None or not rule.opacity.is_mixed:
+        return None
+    return SeenLevel(mixture.columns, _look(_of_finer(rule)), _look(rule))
+
+
+def _of_finer(rule: ColourRule) -> ColourRule:
+    assert rule.opacity.mixture is not None
+    return rule._replace(opacity=rule.opacity._replace(mixture=rule.opacity.mixture.finer))
+
+
+def _look(rule: ColourRule) -> Look:
+    opacity = mixed_opacity(rule.opacity) if rule.opacity.is_mixed else _own_opacity(rule.opacity)
+    emit, refl = _mean_colours(rule) if rule.is_mixed else _own_colours(rule)
+    return Look(opacity, emit.mean(axis=1), refl.mean(axis=1))
+
+
+def _emission(rule: ColourRule) -> float:
+    """What multiplies what a level emits."""
+    seen = _seen_level(rule)
+    return 1.0 if seen is None else seen.emission * _emission(_of_finer(rule))
+
+
+def frame_light(
+    shading: ShadingRule, geometry: Geometry, quantisation: Quantisation, factors: Index, mixture: LevelMixture | None
+) -> "_kernels.Array":
+    """What multiplies the reflected colour, by direction code: float32 (32768,).
+
+    `geometry` is the volume's, and `factors` say how many of its voxels those that are drawn stand for.
+    """
+    codes, own_codes = quantisation.directions_at(factors), quantisation.directions
+    return _frame_light(_colour_rule(shading, mixture), shading.lighting, geometry, codes, own_codes)
+
+
+@lru_cache(KEPT_LIGHT_TABLES)
+def _frame_light(
+    rule: ColourRule, lighting: Lighting, geometry: Geometry, codes: DirectionCode, own_codes: DirectionCode
+) -> "_kernels.Array":
+    light = light_of_directions(lighting, codes)
+    multiplied = _light_factor(rule, lighting, geometry, own_codes)
+    if multiplied == 1.0:
+        return light
+    return (np.asarray(light) * np.float32(multiplied)).data
+
+
+def _light_factor(rule: ColourRule, lighting: Lighting, geometry: Geometry, own_codes: DirectionCode) -> float:
+    """What multiplies the light on a level."""
+    seen = _seen_level(rule)
+    if seen is None:
+        return 1.0
+    finer = _of_finer(rule)
+    codes = own_codes if finer.opacity.mixture is None else "rough"
+    lights = (np.asarray(light_of_directions(lighting, code)).astype(np.float64) for code in (codes, "rough"))
+    eye = eye_along_axes(lighting.light, lighting.half_way, geometry)
+    return seen.light(eye, *lights) * _light_factor(finer, lighting, geometry, own_codes)
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:

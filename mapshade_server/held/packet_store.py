@@ -12,6 +12,8 @@ A Zarr v3 group that `volsplat prepare` writes:
                          is stored, else 0
     mixtures/1, …        uint64 (2, n): what the voxels of each level but the first stand for (level_mixture): by how
                          much each key exceeds the one before, and its count
+    columns/1, …         uint32 (n, 9): voxels of columns through each level but the first, each packet followed by the
+                         eight that it stands for (level_columns)
     histograms/density   int64 counts over the survey's low..high
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
     blocks               float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes)
@@ -21,8 +23,8 @@ Its strength is the mean of theirs, its direction that of their sum, in the code
 scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All levels have one
 quantisation. Packets hold their gradients, so a brick needs no halo.
 
-All that lies on the disk bears a checksum: the attributes theirs, bricks, mixtures and histograms zstd's, the indices
-of shards the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
+All that lies on the disk bears a checksum: the attributes theirs, bricks, mixtures, columns and histograms zstd's, the
+indices of shards the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
 """
 
 import json
@@ -37,6 +39,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.held.level_columns import LevelColumns
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
@@ -55,9 +58,10 @@ Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 5
+FORMAT = 6
 BRICKS = "bricks"
 MIXTURES = "mixtures"
+COLUMNS = "columns"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
 BLOCKS = "blocks"
 METADATA = "zarr.json"
@@ -179,17 +183,25 @@ class PacketStore:
             return None
         if level not in self._mixtures:
             finer = self.mixture(level - 1)
-            path = f"{MIXTURES}/{self._paths[level]}"
-            self._mixtures[level] = self._mixture(path, finer)
+            self._mixtures[level] = self._mixture(self._paths[level], finer, self._columns(level))
         return self._mixtures[level]
 
-    def _mixture(self, path: str, finer: LevelMixture | None) -> LevelMixture:
+    def _mixture(self, name: str, finer: LevelMixture | None, columns: LevelColumns) -> LevelMixture:
+        path = f"{MIXTURES}/{name}"
         written = self._whole(path)
         try:
             steps, counts = written
             keys = np.cumsum(steps)
-            return LevelMixture(finer, np.minimum(keys, NO_KEY).astype(np.uint32), counts)
+            return LevelMixture(finer, np.minimum(keys, NO_KEY).astype(np.uint32), counts, columns)
         except (ValueError, TypeError):
+            raise self._damaged(path, "is not what was written") from None
+
+    def _columns(self, level: int) -> LevelColumns:
+        path = f"{COLUMNS}/{self._paths[level]}"
+        volume, finer, own = (self.levels[n].geometry for n in (0, level - 1, level))
+        try:
+            return LevelColumns(volume, finer, own, self._whole(path))
+        except ValueError:
             raise self._damaged(path, "is not what was written") from None
 
     def _check_shards(self, level: int, box: Box) -> None:

@@ -170,15 +170,14 @@ std::vector<double> binned(const double* table, std::size_t channels) {
     return rows;
 }
 
-std::vector<double> mixed(const std::uint32_t* keys, const std::uint64_t* counts, std::size_t entries,
-                          const double* finer, std::size_t channels) {
+std::vector<double> MixtureEntries::mixed(const double* finer, std::size_t channels) const {
     std::vector<double> rows(kRows * channels);
     std::vector<double> sum(channels);
-    for (std::size_t at = 0; at < entries;) {
+    for (std::size_t at = 0; at < keys.size();) {
         const std::uint32_t coarse = keys[at] >> kBinBits;
         double total = 0.0;
         std::fill(sum.begin(), sum.end(), 0.0);
-        for (; at < entries && keys[at] >> kBinBits == coarse; ++at) {
+        for (; at < keys.size() && keys[at] >> kBinBits == coarse; ++at) {
             const double count = static_cast<double>(counts[at]);
             const double* const row = &finer[(keys[at] & ((1u << kBinBits) - 1)) * channels];
             total += count;

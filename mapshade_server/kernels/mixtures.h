@@ -32,6 +32,9 @@ struct MixtureEntries {
     // The entries of both: the same, whatever is added to what, and in which order.
     void add(const MixtureEntries& other);
 
+    // The table of the coarser level in bins, from the finer one's.
+    std::vector<double> mixed(const double* finer, std::size_t channels) const;
+
 private:
     void leave_open(int bits);
 };
@@ -42,10 +45,6 @@ MixtureEntries mixture_of(const PacketView& finer, const PacketView& coarser);
 // Of a table over density | strength << 8 with so many numbers to an entry: the mean of each bin, and zeros for no
 // data.
 std::vector<double> binned(const double* table, std::size_t channels);
-
-// The table of a coarser level in bins, from the next finer one's.
-std::vector<double> mixed(const std::uint32_t* keys, const std::uint64_t* counts, std::size_t entries,
-                          const double* finer, std::size_t channels);
 
 // A table in bins over density | strength << 8.
 std::vector<double> unbinned(const double* table, std::size_t channels);

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.held.level_columns import rows_within
 from volsplat.mapshade_server.held.packet_store import BRICK_FIELDS, Packets
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
@@ -15,7 +16,7 @@ from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
 from volsplat.mapshade_server.prepare.layout import Layout, halved_box
 from volsplat.mapshade_server.prepare.level_source import LevelSource
-from volsplat.mapshade_server.prepare.mixture_files import Mixture, MixtureFiles
+from volsplat.mapshade_server.prepare.mixture_files import ColumnFiles, ColumnRows, Mixture, MixtureFiles
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -30,6 +31,7 @@ class Besides:
     box: Box
     means: BlockScalars | None  # for the next level, if there is one
     mixtures: list[Mixture]  # of each shard, likewise
+    columns: list[ColumnRows]
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 
 
@@ -60,6 +62,7 @@ class LevelPacker:
     coarser: StoredScalars | None
     extents: LevelSource
     mixtures: MixtureFiles  # of the next level
+    columns: ColumnFiles  # likewise
 
     def packed(self, box: Box) -> PackedBlock:
         sub_cube = SubCube(self.geometry, box, self.source.second_range)
@@ -70,14 +73,16 @@ class LevelPacker:
         packets, has_strength = np.asarray(memoryview(sub_cube.packets)), self.quantisation.has_strength
         if read.gradients is not None:
             packets = with_gradients(packets, read.gradients, has_strength)
-        means, mixtures = None, []
+        means, mixtures, columns = None, [], []
         if self.coarser is not None:
             code = self.quantisation.directions if read.gradients is None else "rough"
             gradients = halved_gradients(packets, code)
             means = _halved(read.values[box.slices(with_halo.low)], read.second, gradients)
-            mixtures = list(self._mixtures(box, packets, self._packed_means(means)))
+            packed_means = self._packed_means(means)
+            mixtures = list(self._mixtures(box, packets, packed_means))
+            columns = list(self._columns(box, packets, packed_means))
         extents = brick_extents(packets, self.layout.brick, self.background)
-        return PackedBlock(packets, Besides(box, means, mixtures, extents))
+        return PackedBlock(packets, Besides(box, means, mixtures, columns, extents))
 
     def _packed_means(self, means: BlockScalars) -> Packets:
         """Packets as the next level will have them."""
@@ -96,6 +101,13 @@ class LevelPacker:
             there = halved_box(shard).slices(halved_box(box).low)
             yield Mixture.of_voxels(packets[shard.slices(box.low)], coarser[there])
 
+    def _columns(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[ColumnRows]:
+        dims = halved_box(self.geometry.box).high
+        for shard in self.layout.shards(self.geometry.dims, box):
+            low = halved_box(shard).low
+            there = halved_box(shard).slices(halved_box(box).low)
+            yield ColumnRows(*rows_within(packets[shard.slices(box.low)], coarser[there], low, dims))
+
     def stored(self, packed: PackedBlock, writer: StoreWriter) -> StoredBlock:
         """Once its shards are on the disk."""
         checksums = {}
@@ -111,8 +123,10 @@ class LevelPacker:
         if self.coarser is not None and means is not None:
             self.coarser.write(halved_box(box), means)
             shards = self.layout.shards(self.geometry.dims, box)
-            for shard, mixture in zip(shards, stored.besides.mixtures, strict=True):
+            of_shards = zip(shards, stored.besides.mixtures, stored.besides.columns, strict=True)
+            for shard, mixture, columns in of_shards:
                 self.mixtures.write(shard, mixture)
+                self.columns.write(shard, columns)
         nk, nj, ni, _ = extents.shape
         i, j, k = (low // self.layout.brick for low in box.low)
         bricks = Box((i * BRICK_FIELDS, j, k), ((i + ni) * BRICK_FIELDS, j + nj, k + nk))

@@ -14,6 +14,7 @@ import numpy as np
 from volsplat.mapshade_server.held.packet_store import (
     BRICK_FIELDS,
     BRICKS,
+    COLUMNS,
     MIXTURES,
     Source,
     StoreAttributes,
@@ -30,7 +31,7 @@ from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, 
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.machines import Machines
-from volsplat.mapshade_server.prepare.mixture_files import MixtureFiles
+from volsplat.mapshade_server.prepare.mixture_files import ColumnFiles, MixtureFiles
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.prepare.run_mark import marked
 from volsplat.mapshade_server.prepare.scalars import Scalars, StoredScalars, volume_scalars
@@ -248,6 +249,7 @@ class Preparation:
             held = brick_dims(geometry.dims, layout.brick)
             extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
             mixtures = MixtureFiles(journal.folder / f"{MIXTURES}-{n + 1}")
+            columns = ColumnFiles(journal.folder / f"{COLUMNS}-{n + 1}")
             packer = LevelPacker(
                 n,
                 geometry,
@@ -258,6 +260,7 @@ class Preparation:
                 coarser,
                 extents,
                 mixtures,
+                columns,
             )
             for stored in executor.stored_blocks(packer, writer, missing[n]):
                 packer.finish(stored, journal)
@@ -268,6 +271,7 @@ class Preparation:
             writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
             if coarser is not None:
                 writer.write_mixture(n + 1, mixtures.joined())
+                writer.write_columns(n + 1, columns.joined(self._levels[n + 1].dims))
                 source = coarser
 
     def _begin_packing(self, writer: StoreWriter, journal: Journal) -> list[list[Box]]:

@@ -9,10 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.held.level_columns import Rows
 from volsplat.mapshade_server.held.packet_store import (
     BLOCKS,
     BRICK_FIELDS,
     BRICKS,
+    COLUMNS,
     DENSITY_COUNTS,
     METADATA,
     MIXTURES,
@@ -83,9 +85,13 @@ class StoreWriter:
         name = f"{MIXTURES}/{self._attributes.levels[level].path}"
         _write_whole(self._group, name, np.stack((steps, mixture.counts)), ("entry", "number"))
 
+    def write_columns(self, level: int, rows: Rows) -> None:
+        """Stores columns through a level."""
+        _write_whole(self._group, f"{COLUMNS}/{self._attributes.levels[level].path}", rows, ("voxel", "packet"))
+
     def finish(self) -> None:
         """Marks the store as complete, once all of it is on the disk."""
-        for folder in (BRICKS, MIXTURES):
+        for folder in (BRICKS, MIXTURES, COLUMNS):
             _onto_disk(self._out / folder)
         _set_attributes(self._group, msgspec.structs.replace(self._attributes, complete=True))
         _onto_disk(self._out / METADATA)

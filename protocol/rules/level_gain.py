@@ -20,16 +20,16 @@ def footprint_gain(amplitude: float, own_amplitude: float, thickness: float) -> 
     """What multiplies a level's footprints: their amplitude, that of the volume's in the same view, f as above."""
     if thickness <= 1.0:
         return 1.0
-    through = thickness * amplitude / own_amplitude * _dilogarithm(min(own_amplitude / LEAST_PEAK, 1.0))
+    through = thickness * amplitude / own_amplitude * dilogarithm(min(own_amplitude / LEAST_PEAK, 1.0))
     return max(LEAST_PEAK * _inverse_dilogarithm(through) / amplitude, 1.0)
 
 
-def _dilogarithm(x: float) -> float:
+def dilogarithm(x: float) -> float:
     """Li2(x) for x from 0 to 1: x + x^2 / 4 + x^3 / 9 …"""
     if x in (0.0, 1.0):
         return x * math.pi**2 / 6
     if x > 0.5:
-        return math.pi**2 / 6 - math.log(x) * math.log1p(-x) - _dilogarithm(1.0 - x)
+        return math.pi**2 / 6 - math.log(x) * math.log1p(-x) - dilogarithm(1.0 - x)
     return math.fsum(x**n / (n * n) for n in range(1, SERIES_TERMS + 1))
 
 
@@ -38,5 +38,5 @@ def _inverse_dilogarithm(y: float) -> float:
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if _dilogarithm(middle) < y else (low, middle)
+        low, high = (middle, high) if dilogarithm(middle) < y else (low, middle)
     return high

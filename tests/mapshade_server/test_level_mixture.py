@@ -10,31 +10,15 @@ from torch import Tensor
 
 from reference import level_mixtures
 from support.scenes.arbitrary import plain_scene
+from support.scenes.level_packets import SIZES, as_packets, drawn_packets, halves
 from volsplat.mapshade_server._kernels import MixtureEntries, mixture_of
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Step
-from volsplat.protocol.rules.packet_layout import BIN_BITS, NO_DATA_BIN, NO_DATA_BIT, STRENGTH_BINS, strength_bin
+from volsplat.protocol.rules.packet_layout import BIN_BITS, NO_DATA_BIN, STRENGTH_BINS, strength_bin
 from volsplat.protocol.rules.shading_rule import ShadingRule, shading_rule
 
 EXACT = 1e-12
-SIZES = st.tuples(st.integers(1, 9), st.integers(1, 9), st.integers(1, 9))
-
-
-def drawn_packets(dims: tuple[int, ...], seed: int, densities: int = 256) -> Tensor:
-    """Some without data."""
-    random = torch.Generator().manual_seed(seed)
-    packets = torch.randint(0, 1 << 31, dims, generator=random)
-    packets = packets & ~255 | packets % densities
-    return packets | (torch.rand(dims, generator=random) < 0.1).long() << NO_DATA_BIT
-
-
-def halves(dims: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple((n + 1) // 2 for n in dims)
-
-
-def as_packets(packets: Tensor) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint32]]":
-    return packets.numpy().astype(np.uint32)
 
 
 def made(finer: Tensor, coarser: Tensor) -> MixtureEntries:

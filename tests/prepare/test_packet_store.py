@@ -168,8 +168,8 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 4, this version reads format 5; prepare the volume again"):
-        open_store(changed(place, tmp_path / "older.zarr", format=4))
+    with pytest.raises(BadInput, match="of format 5, this version reads format 6; prepare the volume again"):
+        open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
 
@@ -204,6 +204,15 @@ def test_what_voxels_cannot_stand_for_is_refused(place: Path, tmp_path: Path) ->
         store.mixture(2)
 
 
+def test_columns_of_another_level_are_refused(place: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(place, copy)
+    shutil.rmtree(copy / "columns" / "1")
+    shutil.copytree(copy / "columns" / "2", copy / "columns" / "1")
+    with pytest.raises(BadInput, match="its columns/1 is not what was written; delete it"):
+        open_store(str(copy)).mixture(1)
+
+
 SPOILT = 12  # places in each file: zstd's checksums are over all bytes, ours to see is that all files have one
 
 
@@ -219,7 +228,15 @@ def read_whole(place: str) -> list[object]:
     ]
     table = np.arange(65536.0)[:, None]
     mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]
-    return [store.description, store.quantisation, store.density_counts, store.strength_counts, *levels, *mixtures]
+    seen = [
+        mixture.columns.seen(axis, True, *(np.full((65536, 3), 0.1),) * 2)
+        for n in range(len(levels))
+        if (mixture := store.mixture(n)) and mixture.columns
+        for axis in range(3)
+    ]
+    columns = [(*one.emitted, *(part.tobytes() for part in one.reflected)) for one in seen]
+    known = [store.description, store.quantisation, store.density_counts, store.strength_counts]
+    return [*known, *levels, *mixtures, *columns]
 
 
 def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(tmp_path: Path) -> None:

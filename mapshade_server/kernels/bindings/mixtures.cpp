@@ -6,6 +6,7 @@
 
 #include "arrays.h"
 #include "kernels/tables/patch_table.h"
+#include "mapshade_server/kernels/level_columns.h"
 #include "mixtures.h"
 
 namespace volsplat {
@@ -55,6 +56,31 @@ nb::object copied(const std::vector<Number>& numbers) {
     return owned_array(std::vector<Number>(numbers), numbers.size());
 }
 
+using Rows = nb::ndarray<const std::uint32_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+void check_columns(const Rows& rows, std::size_t depth, const Table& finer, const Table& coarser) {
+    if (rows.shape(1) != ColumnView::kRow || depth == 0 || rows.shape(0) % depth != 0)
+        throw std::invalid_argument("columns have rows of 9 packets, as many each");
+    for (const Table* table : {&finer, &coarser}) {
+        check_rows(*table, kPlaneEntries);
+        if (table->shape(1) != 3) throw std::invalid_argument("what columns look like takes three numbers");
+    }
+}
+
+nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis, bool from_high, int layers, int places,
+                                  const Table& finer, const Table& coarser) {
+    check_columns(rows, depth, finer, coarser);
+    const ColumnView view{rows.data(), rows.shape(0) / depth, depth, axis, from_high, layers, places};
+    SeenOfLevels seen;
+    {
+        nb::gil_scoped_release unlocked;
+        seen = seen_in_columns(view, finer.data(), coarser.data());
+    }
+    return nb::make_tuple(seen.finer.emitted, seen.coarser.emitted,
+                          owned_array(std::move(seen.finer.reflected), kDirectionCodes),
+                          owned_array(std::move(seen.coarser.reflected), kDirectionCodes));
+}
+
 }  // namespace
 
 void bind_mixtures(nb::module_& m) {
@@ -68,7 +94,14 @@ void bind_mixtures(nb::module_& m) {
         .def("add", &MixtureEntries::add, "other"_a, nb::call_guard<nb::gil_scoped_release>())
         .def_prop_ro("keys", [](const MixtureEntries& mixture) { return copied(mixture.keys); })
         .def_prop_ro("counts", [](const MixtureEntries& mixture) { return copied(mixture.counts); })
-        .def_ro("left_open", &MixtureEntries::left_open);
+        .def_ro("left_open", &MixtureEntries::left_open)
+        .def(
+            "mixed",
+            [](const MixtureEntries& mixture, const Table& finer) {
+                check_rows(finer, kNoDataBin + 1);
+                return owned_array(mixture.mixed(finer.data(), finer.shape(1)), kNoDataBin + 1, finer.shape(1));
+            },
+            "finer"_a);
     m.def(
         "mixture_of",
         [](const Packets& finer, const Packets& coarser) {
@@ -77,7 +110,6 @@ void bind_mixtures(nb::module_& m) {
             return mixture_of(voxels, means);
         },
         "finer"_a, "coarser"_a);
-    m.def("check_mixture", &check_entries, "keys"_a, "counts"_a);
     m.def(
         "binned",
         [](const Table& table) {
@@ -86,21 +118,14 @@ void bind_mixtures(nb::module_& m) {
         },
         "table"_a);
     m.def(
-        "mixed",
-        [](const Keys& keys, const Counts& counts, const Table& finer) {
-            check_entries(keys, counts);
-            check_rows(finer, kNoDataBin + 1);
-            return owned_array(mixed(keys.data(), counts.data(), keys.shape(0), finer.data(), finer.shape(1)),
-                               kNoDataBin + 1, finer.shape(1));
-        },
-        "keys"_a, "counts"_a, "finer"_a);
-    m.def(
         "unbinned",
         [](const Table& table) {
             check_rows(table, kNoDataBin + 1);
             return owned_array(unbinned(table.data(), table.shape(1)), kPlaneEntries, table.shape(1));
         },
         "table"_a);
+    m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "depth"_a, "axis"_a, "from_high"_a, "layers"_a,
+          "places"_a, "finer"_a, "coarser"_a);
 }
 
 }  // namespace volsplat

@@ -1,0 +1,39 @@
+// What a ray sees of columns of a coarser level's voxels, and what it sees of those that they stand for.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace volsplat {
+
+// Rows of a packet of the coarser level and the eight that it stands for, i fastest; kBeyond where there is none.
+struct ColumnView {
+    static constexpr int kRow = 9;
+    static constexpr std::uint32_t kBeyond = 0xFFFFFFFFu;
+
+    const std::uint32_t* rows;
+    std::size_t columns, depth;
+    int axis;        // along which they run
+    bool from_high;  // whether the viewer is at their upper end
+    int layers;      // along the axis, and voxels of each, that a voxel stands for unless it reaches beyond the volume
+    int places;
+};
+
+struct SeenLight {
+    double emitted = 0.0;
+    std::vector<double> reflected;  // by direction code
+};
+
+struct SeenOfLevels {
+    SeenLight finer, coarser;
+};
+
+// The finer light is that of layers, whose places are seen as one, and partly that of columns of single voxels:
+// footprints blur a level's means less far beyond their rims than layers alone would say.
+//
+// Tables over density | strength << 8 have three numbers to an entry: the optical depth of a layer of such voxels, what
+// they emit, and what they reflect of the light. Sums are taken in one order.
+SeenOfLevels seen_in_columns(const ColumnView& columns, const double* finer, const double* coarser);
+
+}  // namespace volsplat

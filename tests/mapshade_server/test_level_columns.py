@@ -1,0 +1,121 @@
+"""Columns of a level's voxels: which they are, what is seen of them, and that a level becomes as bright as they say."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reference import level_columns
+from support.scenes.arbitrary import geometries
+from support.scenes.level_packets import SIZES, as_packets, drawn_packets, halves
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, depths, eye_along_axes, factor
+from volsplat.mapshade_server.held.level_columns import COLUMN_VOXELS, LevelColumns, columns_of, rows_within
+from volsplat.mapshade_server.prepare.layout import halved_geometry
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+
+EXACT = 1e-9
+ALONG_I, ALONG_J, ALONG_K = range(3)
+
+
+def test_there_are_as_many_columns_as_memory_allows_and_they_are_spread_evenly() -> None:
+    dims = (512, 300, 700)
+    for columns in columns_of(dims):
+        assert columns.depth == dims[columns.axis]
+        assert columns.number * columns.depth <= COLUMN_VOXELS / 3 < (columns.number + 1) * columns.depth
+        sides = [size for axis, size in enumerate(dims) if axis != columns.axis]
+        for places, size in zip(columns.aside, sides, strict=True):
+            assert 0 <= places.min() and places.max() < size
+            gaps = [after - before for before, after in pairwise([0, *sorted(places.tolist()), size])]
+            assert max(gaps) <= 4 * size / columns.number
+        assert len(set(zip(*(places.tolist() for places in columns.aside), strict=True))) == columns.number
+
+
+@given(dims=SIZES, seed=st.integers(0, 1000))
+def test_rows_are_those_of_the_reference(dims: tuple[int, ...], seed: int) -> None:
+    finer, coarser = drawn_packets(dims, seed), drawn_packets(halves(dims), seed + 1)
+    size = (coarser.shape[2], coarser.shape[1], coarser.shape[0])
+    places, rows = rows_within(as_packets(finer), as_packets(coarser), (0, 0, 0), size)
+    assert places.tolist() == list(range(len(rows)))
+    for columns in columns_of(size):
+        for n, (column, row) in enumerate(zip(*columns.aside, strict=True)):
+            begin = columns.begin + n * columns.depth
+            expected = level_columns.rows(finer, coarser, columns.axis, int(column), int(row))
+            assert torch.equal(torch.from_numpy(rows[begin : begin + columns.depth].astype(np.int64)), expected)
+
+
+@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), from_high=st.booleans())
+def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high: bool) -> None:
+    random = torch.Generator().manual_seed(seed)
+    rows = drawn_packets((6, 9), seed)
+    rows[-1, 5:] = level_columns.BEYOND
+    finer, coarser = torch.rand((2, 65536, 3), dtype=torch.float64, generator=random)
+    finer[::2, 0] = 0.0
+    expected = level_columns.seen(rows, axis, from_high, finer, coarser)
+    got = _kernels.seen_in_columns(
+        as_packets(rows).data, 6, axis, from_high, 2, 4, finer.numpy().data, coarser.numpy().data
+    )
+    assert got[:2] == pytest.approx(expected[:2], rel=EXACT)
+    for ours, theirs in zip(got[2:], expected[2:], strict=True):
+        assert np.abs(np.asarray(ours) - theirs.numpy()).max() <= EXACT
+    assert expected[0] > 0.0 and expected[1] > 0.0
+
+
+def test_thin_layers_are_as_deep_as_they_are_thick() -> None:
+    thin = np.array([0.0, 1e-6])
+    assert depths(thin, 1.0, 0.25) == pytest.approx(thin, rel=1e-3)
+    assert depths(thin, 4.0, 1.0) == pytest.approx(4 * thin, rel=1e-3)
+    assert depths(np.array([0.5]), 1.0, 0.25)[0] > 0.5
+
+
+def level_of_one_kind(finer_packet: int, coarser_packet: int) -> LevelColumns:
+    volume = Geometry((8, 8, 8))
+    level = halved_geometry(volume)
+    rows = np.full((columns_of(level.dims)[-1].end, 9), finer_packet, np.uint32)
+    rows[:, 0] = coarser_packet
+    return LevelColumns(volume, volume, level, rows)
+
+
+@pytest.mark.parametrize("eye", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (-0.48, 0.64, 0.6)])
+def test_what_is_emitted_and_reflected_is_made_up_for_apart(eye: matrices.Vector) -> None:
+    columns = level_of_one_kind(5 << 16, 7 << 16)
+    opacity = np.full(65536, 0.001)
+    finer, coarser = (Look(opacity, np.full(65536, emitted), np.full(65536, 0.5)) for emitted in (0.6, 0.5))
+    seen = SeenLevel(columns, finer, coarser)
+    assert seen.emission == pytest.approx(1.2, abs=0.002)
+    light, other_light = np.zeros((2, 32768))
+    light[5], other_light[7] = 0.9, 1.0
+    assert seen.light(eye, light, other_light) == pytest.approx(0.9, abs=0.002)
+
+
+def test_of_nothing_there_is_nothing_to_make_up_for() -> None:
+    assert factor(0.0, 0.5) == factor(0.5, 0.0) == 1.0
+    assert factor(9.0, 1.0) == 2.0 and factor(1.0, 9.0) == 0.5
+
+
+def test_sums_in_another_order_give_the_same_factor() -> None:
+    assert factor(1.0 + 1e-13, 1.5) == factor(1.0, 1.5) == round(1024 / 1.5) / 1024
+
+
+@given(geometry=geometries(), angles=st.tuples(st.floats(0.0, 6.0), st.floats(-1.5, 1.5)))
+def test_the_eye_is_found_from_the_light(geometry: Geometry, angles: tuple[float, float]) -> None:
+    turn, rise = angles
+    eye = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
+    light = matrices.normalised((0.3, -0.5, 0.8))
+    half_way = matrices.normalised(matrices.plus(light, eye))
+    found = eye_along_axes(light, half_way, geometry)
+    for axis in range(3):
+        along = matrices.normalised(matrices.column(geometry.index_to_physical, axis))
+        assert found[axis] == pytest.approx(matrices.dot(along, eye), abs=1e-6)
+    assert eye_along_axes(light, (0.0, 0.0, 0.0), Geometry((4, 4, 4))) == pytest.approx([-n for n in light])
+
+
+def test_rows_of_another_level_are_refused() -> None:
+    volume = Geometry((8, 8, 8))
+    with pytest.raises(ValueError, match=r"columns of a level of \(4, 4, 4\) voxels are not of shape \(5, 9\)"):
+        LevelColumns(volume, volume, halved_geometry(volume), np.zeros((5, 9), np.uint32))

@@ -1,0 +1,63 @@
+"""What is seen of columns of a level's voxels and of those that they stand for, in plain float64."""
+
+import math
+from itertools import product
+
+import torch
+from torch import Tensor
+
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
+
+BEYOND = (1 << 32) - 1
+CODES = 1 << 15
+APART = 0.25
+
+
+def rows(finer: Tensor, coarser: Tensor, axis: int, column: int, row: int) -> Tensor:
+    """Those of one column along an axis, int64 (depth, 9). It is at `column` and `row` on the two other axes."""
+    found = []
+    for depth in range(coarser.shape[2 - axis]):
+        index = [column, row]
+        index.insert(axis, depth)
+        i, j, k = index
+        told = [int(coarser[k, j, i])]
+        for dk, dj, di in product((0, 1), repeat=3):
+            child = (2 * k + dk, 2 * j + dj, 2 * i + di)
+            there = all(n < size for n, size in zip(child, finer.shape, strict=True))
+            told.append(int(finer[child]) if there else BEYOND)
+        found.append(told)
+    return torch.tensor(found)
+
+
+def seen(
+    column: Tensor, axis: int, from_high: bool, finer: Tensor, coarser: Tensor
+) -> tuple[float, float, Tensor, Tensor]:
+    """Emitted by the finer and the coarser voxels of one column of 2x2x2 to each, and reflected by direction code."""
+    emitted, through = [0.0, 0.0], [1.0] * 6
+    shares = [1 - APART, 1.0, *[APART / 4] * 4]  # of finer layers, the coarser voxels, four finer columns
+    reflected = [torch.zeros(CODES, dtype=torch.float64) for _ in range(2)]
+
+    def layer(which: int, packets: list[int], table: Tensor, places: float) -> None:
+        packets = [packet for packet in packets if packet >> NO_DATA_BIT == 0]
+        total = sum(float(table[packet & 65535, 0]) for packet in packets)
+        if total == 0.0:
+            return
+        stopped = through[which] * -math.expm1(-total / places)
+        for packet in packets:
+            depth, emit, refl = table[packet & 65535].tolist()
+            part, level = shares[which] * stopped * depth / total, int(which == 1)
+            emitted[level] += part * emit
+            reflected[level][packet >> DIRECTION_SHIFT & CODES - 1] += part * refl
+        through[which] -= stopped
+
+    for told in column.flip(0).tolist() if from_high else column.tolist():
+        if max(through[:2]) <= 1 / 1024:
+            break
+        there = sum(packet != BEYOND for packet in told[1:])
+        layer(1, told[:1], coarser, 8 / there)
+        for side in (1, 0) if from_high else (0, 1):
+            packets = [packet for n, packet in enumerate(told[1:]) if n >> axis & 1 == side]
+            layer(0, packets, finer, 4.0)
+            for n, packet in enumerate(packets):
+                layer(2 + n, [packet], finer, 1.0)
+    return emitted[0], emitted[1], reflected[0], reflected[1]
