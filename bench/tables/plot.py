@@ -59,6 +59,9 @@ def write_plot(path: Path, title: str, panels: Sequence[Panel]) -> None:
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
+    from matplotlib import cycler, rcParams
+
+    axes.set_prop_cycle(cycler(linestyle=["-", ":"]) * rcParams["axes.prop_cycle"])  # more lines than colours
     for name in panel.faint:
         points = panel.lines[name]
         axes.plot([x for x, _ in points], [y for _, y in points], color="0.6", linestyle="--", marker=".")
