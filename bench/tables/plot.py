@@ -59,7 +59,8 @@ def write_plot(path: Path, title: str, panels: Sequence[Panel]) -> None:
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
-    from matplotlib import cycler, rcParams
+    from matplotlib import rcParams
+    from matplotlib.rcsetup import cycler
 
     axes.set_prop_cycle(cycler(linestyle=["-", ":"]) * rcParams["axes.prop_cycle"])  # more lines than colours
     for name in panel.faint:
