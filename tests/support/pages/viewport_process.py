@@ -128,7 +128,7 @@ class ViewportProcess:
             "revision": 1,
             "event": 0,
             "step": "F",
-            "every": 1,
+            "one_in": 1,
             "complete": True,
             "last": True,
             "seconds": 0.01,
