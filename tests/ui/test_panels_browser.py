@@ -581,7 +581,7 @@ def test_at_rest_the_image_refines_to_g_if_that_is_asked_for(tab: Tab) -> None:
 
 
 def test_one_click_shows_the_papers_order_and_another_the_fastest(tab: Tab) -> None:
-    press = tab.page.get_by_role("button", name="always back to front")
+    press = tab.page.locator("header").get_by_role("button", name="back to front")
     press.click()
     tab.becomes(lambda scene: scene.order, Order.BACK_TO_FRONT)
     tab.page.get_by_text("drawn back to front").wait_for()

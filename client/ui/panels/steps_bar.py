@@ -116,9 +116,9 @@ def _order(editor: SceneEditor, viewing: Viewing) -> None:
         editor.change(lambda scene: msgspec.structs.replace(scene, order=order))
 
     words = ui.label().classes("vs-muted")
-    button = ui.button("always back to front", color=None, on_click=toggle)
+    button = ui.button("back to front", color=None, on_click=toggle)
     button.props("dense flat no-caps").classes("vs-press")
-    button.tooltip("combine samples back to front, as in the paper, so that what is later hidden is seen first")
+    button.tooltip("always combine samples back to front, as in the paper, so that what is later hidden is seen first")
 
     def show(scene: Scene) -> None:
         words.set_text(f"drawn {ORDER_WORDS[resolved_order(scene, viewing.volume.description.geometry)]}")
