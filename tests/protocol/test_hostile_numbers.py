@@ -294,7 +294,7 @@ def test_levels_that_a_volume_lacks_are_refused(path: Path) -> None:
     with pytest.raises(ValueError, match="are no level"):
         factors_of(GEOMETRY, other)
     for stride in (0, 5, 2**62):
-        with pytest.raises(ValueError, match="stride must be 1 to 4"):
+        with pytest.raises(ValueError, match="strides must be 1 to 4"):
             Resolution(level=0, geometry=GEOMETRY, stride=stride)
 
 
