@@ -53,6 +53,7 @@ class LocalServers:
         self._lock = threading.Lock()  # guards what follows
         self._forks: ForkedServers | None = None
         self._processes: list[ForkedServer] = []
+        self._useless: set[str] = set()  # names of those that were ended here
         self._ending = False
 
     def start(self, program: Program, address: str, token: Token, threads: int, options: Sequence[str] = ()) -> None:
@@ -104,20 +105,22 @@ class LocalServers:
         """The server of this name, if it was started here, is of no use any more, and may be frozen: another one is."""
         process = self._here().get(name)
         if process is not None and not self._ending:
+            self._useless.add(name)
             process.kill()
 
     def _here(self) -> dict[str, ForkedServer]:
         return {_name(process): process for process in list(self._processes)}
 
     def told_ends(self, names: Iterable[str]) -> dict[str, str]:
-        """How the servers of these names (see process_name) ended, of those that were started here and have.
+        """How the servers of these names (see process_name) ended, of those that were started and not ended here.
 
         Waits a moment: a process is gone a little later than its connections.
         """
         here = self._here()
         asked = [name for name in names if name in here]
         deadline = time.monotonic() + REAPED_SECONDS
-        return {name: told_end(here[name].wait()) for name in asked if _ended_by(deadline, here[name])}
+        ended = [name for name in asked if _ended_by(deadline, here[name])]
+        return {name: told_end(here[name].wait()) for name in ended if name not in self._useless}
 
     def let_end(self) -> None:
         """From now on none is started in the place of one that ends."""

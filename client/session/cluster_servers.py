@@ -1,5 +1,6 @@
 """The servers of a cluster in a session: those that wait are dialled, lost ones found again or started anew."""
 
+import atexit
 import threading
 import time
 from collections import defaultdict
@@ -36,6 +37,8 @@ class ClusterServers:
         self._restarts = defaultdict[str, RestartLimit](RestartLimit)  # likewise
         state = self._running.state()
         self._brought_up = state is None
+        if self._brought_up:
+            atexit.register(self._down)  # wherever Ctrl-C ends what follows
         self._state = state or self._bring_up()
         self._known = {one.started.name: one for one in self._state.servers}
         self._lock = threading.Lock()  # guards what follows
@@ -48,8 +51,12 @@ class ClusterServers:
         try:
             return self._running.up(self._report)
         except BaseException:
-            self._running.down(self._report)
+            self._down()
             raise
+
+    def _down(self) -> None:
+        atexit.unregister(self._down)
+        self._running.down(self._report)
 
     @property
     def token(self) -> Token:
@@ -99,7 +106,7 @@ class ClusterServers:
         if self._tunnels is not None:
             self._tunnels.close()
         if self._brought_up:
-            self._running.down(self._report)
+            self._down()
 
     # -- servers that wait are dialled
 

@@ -1,6 +1,7 @@
 """A cluster brought up, asked after and brought down, machine by machine, all machines at once."""
 
 import socket
+import threading
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
@@ -87,11 +88,9 @@ class RunningCluster:
             wanted = ordered(self.cluster, state.listen_port)
             missing = [one for one in wanted if one.order.name not in known]
             self.folder.save(state)
-            try:
-                failed = self._start(missing, report, known)
-            finally:
-                state = msgspec.structs.replace(state, servers=tuple(known.values()))
-                self._remember(state, {one.order.name for one in missing})
+            failed = self._start(state, missing, report, known)
+            state = msgspec.structs.replace(state, servers=tuple(known.values()))
+            self._remember(state, {one.order.name for one in missing})
         if failed:
             raise BadInput("; ".join(failed))
         return state
@@ -104,15 +103,18 @@ class RunningCluster:
             self._stop(self.cluster, [one for one in state.servers if one.started.name in started])
             raise
 
-    def _start(self, missing: list[Ordered], report: Report, known: dict[str, KnownServer]) -> list[str]:
-        """Add what was started to `known`, also where it is interrupted; what failed is in the answer."""
+    def _start(
+        self, state: ClusterState, missing: list[Ordered], report: Report, known: dict[str, KnownServer]
+    ) -> list[str]:
+        """Add what was started to `known`, and remember it as soon as it is; what failed is in the answer."""
         secrets = Secrets(self.token)
+        remembering, remembered = threading.Lock(), list(known.values())
 
         def start(number: int) -> list[KnownServer]:
             orders = [one for one in missing if one.machine == number]
             launcher = self._launcher(self.cluster, number)
             started = launcher.start([one.order for one in orders], secrets, report)
-            return [
+            found = [
                 KnownServer(
                     started=server,
                     program=one.order.program,
@@ -121,6 +123,12 @@ class RunningCluster:
                 )
                 for one, server in zip(orders, started, strict=True)
             ]
+            with remembering:  # on this thread, which Ctrl-C does not interrupt
+                remembered.extend(found)
+                self._remember(
+                    msgspec.structs.replace(state, servers=tuple(remembered)), {one.order.name for one in orders}
+                )
+            return found
 
         def take(found: list[KnownServer]) -> None:
             known.update((one.started.name, one) for one in found)
