@@ -5,6 +5,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -26,6 +27,7 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_servers
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
+from volsplat.deploy.cluster.state import ClusterState, StateFolder
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 __all__ = ["small_disk"]
@@ -177,6 +179,24 @@ def test_a_disk_that_is_full_is_told_and_leaves_no_server(person: Person, small_
     fill(small_disk)
     told = person.runs("deploy", "up", str(path))
     assert told.returncode == 2 and "No space left on device" in told.stderr and told.stderr.count("\n") == 1
+
+
+def test_ctrl_c_as_soon_as_servers_are_there_leaves_none(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the thread that it interrupts has taken note of them."""
+    path = cluster_file(person.folder, "interrupted", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
+    save = StateFolder.save
+
+    def interrupted(folder: StateFolder, state: ClusterState) -> None:
+        if state.servers and threading.current_thread() is threading.main_thread():
+            assert servers_of(person)
+            raise KeyboardInterrupt
+        save(folder, state)
+
+    monkeypatch.setattr(StateFolder, "save", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Session(None, cluster=path)
+    assert not servers_of(person)
+    assert RunningCluster(path).state() is None
 
 
 def test_the_state_is_its_owner_s_alone_and_holds_no_secret_where_others_look(person: Person) -> None:
