@@ -55,8 +55,8 @@ class ClusterServers:
             raise
 
     def _down(self) -> None:
-        atexit.unregister(self._down)
         self._running.down(self._report)
+        atexit.unregister(self._down)
 
     @property
     def token(self) -> Token:

@@ -3,7 +3,7 @@
 import socket
 import threading
 from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -108,9 +108,9 @@ class RunningCluster:
     ) -> list[str]:
         """Add what was started to `known`, and remember it as soon as it is; what failed is in the answer."""
         secrets = Secrets(self.token)
-        remembering, remembered = threading.Lock(), list(known.values())
+        remembering = threading.Lock()
 
-        def start(number: int) -> list[KnownServer]:
+        def start(number: int) -> None:
             orders = [one for one in missing if one.machine == number]
             launcher = self._launcher(self.cluster, number)
             started = launcher.start([one.order for one in orders], secrets, report)
@@ -124,16 +124,12 @@ class RunningCluster:
                 for one, server in zip(orders, started, strict=True)
             ]
             with remembering:  # on this thread, which Ctrl-C does not interrupt
-                remembered.extend(found)
+                known.update((one.started.name, one) for one in found)
                 self._remember(
-                    msgspec.structs.replace(state, servers=tuple(remembered)), {one.order.name for one in orders}
+                    msgspec.structs.replace(state, servers=tuple(known.values())), {one.order.name for one in orders}
                 )
-            return found
 
-        def take(found: list[KnownServer]) -> None:
-            known.update((one.started.name, one) for one in found)
-
-        results = _on_all(sorted({one.machine for one in missing}), start, take)
+        results = _on_all(sorted({one.machine for one in missing}), start)
         return [result.reason for result in results.values() if isinstance(result, Failed)]
 
     def statuses(self) -> list[tuple[KnownServer, Said]]:
@@ -150,11 +146,12 @@ class RunningCluster:
             return self._launcher(cluster, number).states(servers)
 
         told: dict[str, Said] = {}
-        results = _on_all(sorted({one.machine for one in state.servers}), ask, told.update)
-        for number, result in results.items():
+        for number, result in _on_all(sorted({one.machine for one in state.servers}), ask).items():
             if isinstance(result, Failed):
                 servers = [one.started for one in state.servers if one.machine == number]
                 told |= {server.name: Said(ServerState.UNKNOWN, result.reason) for server in servers}
+            else:
+                told |= result
         return told
 
     def down(self, report: Report) -> None:
@@ -184,7 +181,7 @@ class RunningCluster:
             report(f"{cluster.machines[number].title}: ending {len(of_machine)} servers")
             self._launcher(cluster, number).stop(of_machine)
 
-        results = _on_all(sorted({one.machine for one in servers}), stop, lambda done: None)
+        results = _on_all(sorted({one.machine for one in servers}), stop)
         return {number: result.reason for number, result in results.items() if isinstance(result, Failed)}
 
     def logs(self, one: KnownServer, lines: int) -> str:
@@ -196,26 +193,35 @@ class RunningCluster:
         return launcher_of(cluster.machines[number], self.folder.path)
 
 
-def _on_all(
-    machines: list[int], act: Callable[[int], Result], take: Callable[[Result], object]
-) -> dict[int, Result | Failed]:
-    """Act on every machine at once; `take` gets each result, also those that come after an interruption."""
+def _on_all(machines: list[int], act: Callable[[int], Result]) -> dict[int, Result | Failed]:
+    """Act on every machine at once. An interruption waits for those acts that have begun; no other one begins.
+
+    By threads of its own: executors take nothing more when a script ends, and with it the session that it never closed.
+    """
+    acting = {number: Future[Result]() for number in machines}
+    free = threading.Semaphore(MOST_AT_ONCE)
+
+    def act_on(number: int, done: Future[Result]) -> None:
+        with free:
+            if not done.set_running_or_notify_cancel():
+                return
+            try:
+                done.set_result(act(number))
+            except Exception as error:  # raised where it is waited for
+                done.set_exception(error)
+
+    try:
+        for number, done in acting.items():
+            threading.Thread(target=act_on, args=(number, done), name=f"machine {number}").start()
+        wait(acting.values())
+    finally:
+        wait([done for done in acting.values() if not done.cancel()])
     results: dict[int, Result | Failed] = {}
-    with ThreadPoolExecutor(MOST_AT_ONCE, "machine") as pool:
-        acting = {number: pool.submit(act, number) for number in machines}
+    for number, done in acting.items():
         try:
-            for one in acting.values():
-                one.exception()  # waits
-        finally:
-            for number, one in acting.items():
-                error = one.exception()
-                if error is None:
-                    results[number] = one.result()
-                    take(one.result())
-                elif isinstance(error, BadInput):
-                    results[number] = Failed(str(error))
-                else:
-                    raise error
+            results[number] = done.result()
+        except BadInput as error:
+            results[number] = Failed(str(error))
     return results
 
 

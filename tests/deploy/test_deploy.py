@@ -155,6 +155,16 @@ def test_a_client_that_is_killed_leaves_servers_for_the_next_one(person: Person,
     assert processes(person) == before
 
 
+def test_a_script_that_never_closes_its_session_leaves_no_server(person: Person, cluster: Path) -> None:
+    script = "import sys; from volsplat.client import Session; s = Session('head.nrrd', cluster=sys.argv[1]); "
+    script += "s.finish(s.default_scene())"
+    asked = [sys.executable, "-c", script, str(cluster)]
+    done = subprocess.run(asked, cwd=person.folder, timeout=PATIENCE, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    assert not servers_of(person)
+    assert "is not up" in person.runs("deploy", "status", str(cluster)).stderr
+
+
 def test_a_file_that_has_changed_since_is_told(person: Person) -> None:
     path = cluster_file(person.folder, "changed", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
     assert person.runs("deploy", "up", str(path)).returncode == 0
