@@ -55,10 +55,10 @@ _STREAMED = "() => window.volsplatViewport?.log.length > 0"
 # Milliseconds since 1970: when the page's own image was painted, and the first picture drawn.
 _STARTED = """() => new Promise((resolve) => {
     const streamed = performance.timeOrigin + window.volsplatViewport.log[0].shownAt;
-    new PerformanceObserver((list) => {
-        const seen = list.getEntries().find(({ url }) => new URL(url || "/", location).pathname.endsWith("/early"));
-        resolve([seen ? performance.timeOrigin + seen.startTime : streamed, streamed]);
-    }).observe({ type: "largest-contentful-paint", buffered: true });
+    const tell = (seen) => resolve([Math.min(seen, streamed), streamed]);
+    new PerformanceObserver((list) => tell(performance.timeOrigin + list.getEntries()[0].renderTime))
+        .observe({ type: "element", buffered: true });
+    setTimeout(() => tell(Infinity), 500); // it was never painted
 })"""
 _CAUGHT_UP = """() => {
     const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);

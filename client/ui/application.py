@@ -23,6 +23,7 @@ from volsplat.client.ui.doors.behind_proxy import BehindProxy
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
+from volsplat.client.ui.doors.script_bundle import BUNDLES_PATH, ScriptBundles
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.doors.waiting_page import WAITING_PATH
 from volsplat.client.ui.opening.shown_volume import ShownVolume
@@ -41,6 +42,7 @@ SHUTDOWN_SECONDS = 1  # for open sockets, at the end
 LONGEST_ADDRESS = 1 << 18  # bytes: a link may hold four tables drawn freehand
 LARGEST_FORM = 1 << 16  # bytes around a file that is uploaded
 SMALLEST_COMPRESSED = 500  # bytes
+COMPRESSION = 4  # 1 to 9; more takes three times as long for a twentieth of the bytes
 ALIVE_PATH = "/alive"  # where a page asks whether anybody is there
 STATIC_PATH = "/volsplat/static"
 MODULES_PATH = f"/_nicegui/{nicegui.__version__}/esm"  # the same, as components import it
@@ -110,6 +112,10 @@ class Application:
         self._grace = grace
         application = FastAPI(lifespan=self._lifespan, openapi_url=None, docs_url=None, redoc_url=None)
         application.mount(STATIC_PATH, StaticFiles(directory=STATIC))
+        bundles = ScriptBundles()
+        application.add_api_route(
+            f"{BUNDLES_PATH}/{{name}}", bundles.script, include_in_schema=False, response_model=None
+        )
         application.add_api_websocket_route("/viewport", self._viewport)
         application.add_api_route(EARLY_PATH, self._early_picture, include_in_schema=False, response_model=None)
         for path in (WAITING_PATH, ALIVE_PATH):
@@ -124,7 +130,7 @@ class Application:
             reconnect_timeout=RECONNECT_SECONDS,
             gzip_middleware_factory=None,  # nonces come first
         )
-        compressed = GZipMiddleware(ScriptNonces(application), minimum_size=SMALLEST_COMPRESSED)
+        compressed = GZipMiddleware(ScriptNonces(application, bundles.in_page), SMALLEST_COMPRESSED, COMPRESSION)
         guarded = Gate(compressed, address.admission, LARGEST_SCENE_FILE + LARGEST_FORM)
         behind = address.admission.behind
         prefix = behind.prefix if behind else ""

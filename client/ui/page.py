@@ -33,7 +33,6 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
     """
     description = viewing.volume.description
     page_frame(description.name)
-    early_picture()
     with ui.element("div").classes("vs-page"):  # within NiceGUI's main
         skip_links()
         with ui.element("header").classes("vs-head").props("role=banner"):
@@ -62,3 +61,4 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             servers_panel(viewing)
         Folding()
         PanelWidths()
+    early_picture(viewing)  # last, since the first picture may be finished meanwhile

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from nicegui import ui
+
+from volsplat.client.ui.doors.static_files import STATIC
 
 STYLES = ("theme.css", "page.css")
 
@@ -10,9 +14,14 @@ STYLES = ("theme.css", "page.css")
 def page_frame(title: str) -> None:
     """Add the styles, and name the page."""
     for style in STYLES:
-        ui.add_head_html(f'<link rel="stylesheet" href="volsplat/static/{style}">')
+        ui.add_head_html(f"<style>{_text(style)}</style>")
     ui.page_title(f"{title} – volsplat")
     ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
+
+
+@cache
+def _text(style: str) -> str:
+    return (STATIC / style).read_text("utf-8")
 
 
 def theme_button() -> None:

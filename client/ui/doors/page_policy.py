@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -62,8 +62,10 @@ class StrictHeaders:
 class ScriptNonces:
     """An ASGI application around one whose pages have scripts in them: gives these a nonce, and the page its policy."""
 
-    def __init__(self, application: ASGIApp) -> None:
+    def __init__(self, application: ASGIApp, finish: Callable[[bytes], bytes] = bytes) -> None:
+        """`finish` makes of each page what is sent."""
         self._application = application
+        self._finish = finish
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -81,7 +83,7 @@ class ScriptNonces:
             else:
                 body.extend(message.get("body", b""))
                 if not message.get("more_body", False):
-                    await _send_page(scope, start, bytes(body), send)
+                    await _send_page(scope, start, self._finish(bytes(body)), send)
 
         await self._application(scope, receive, sending)
 

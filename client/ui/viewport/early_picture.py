@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 
 from nicegui import ui
 
+from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.picture_encoding import preview
 from volsplat.client.ui.viewing.viewing import Viewing
 
@@ -13,11 +15,18 @@ EARLY_PATH = "/early"  # where the image is fetched
 PATIENCE = 5.0  # seconds that a browser waits for it
 
 
-def early_picture() -> None:
-    """Put it into the page that is being built; the viewport takes it over. It is fetched before the scripts are."""
-    url = EARLY_PATH.removeprefix("/")
-    ui.add_head_html(f'<link rel="preload" as="image" fetchpriority="high" href="{url}">')
-    ui.add_body_html(f'<div class="vs-early"><img alt="" src="{url}"></div>')
+def early_picture(viewing: Viewing) -> None:
+    """Put it into the page that is being built; the viewport takes it over.
+
+    Where there is none yet, it is fetched before the scripts are.
+    """
+    picture = viewing.loop.shown
+    if picture is None:
+        url = EARLY_PATH.removeprefix("/")
+        ui.add_head_html(f'<link rel="preload" as="image" fetchpriority="high" href="{url}">')
+    else:
+        url = f"data:image/jpeg;base64,{base64.b64encode(_preview(picture)).decode()}"
+    ui.add_body_html(f'<div class="vs-early"><img alt="" elementtiming="picture" decoding="sync" src="{url}"></div>')
 
 
 async def early_image(viewing: Viewing) -> bytes | None:
@@ -28,4 +37,8 @@ async def early_image(viewing: Viewing) -> bytes | None:
             picture = await asyncio.wait_for(viewing.pictures.next(lambda one: one.complete), PATIENCE)
     except TimeoutError:
         return None
-    return await asyncio.to_thread(preview, picture.published, picture.state.scene.image.background)
+    return await asyncio.to_thread(_preview, picture)
+
+
+def _preview(picture: Picture) -> bytes:
+    return preview(picture.published, picture.state.scene.image.background)
