@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     from volsplat.client.ui.viewing.restart import Restart
     from volsplat.client.ui.viewing.viewing import Viewing
 
-PAGE = tuple(f"volsplat.client.ui.{module}" for module in ("lean_nicegui", "application", "page"))  # takes a while
+# What takes a while.
+PAGE = tuple(
+    f"volsplat.client.ui.{module}"
+    for module in ("lean_nicegui", "application", "page", "first_uses", "opening.start_page", "viewing.opened_viewing")
+)
 LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 

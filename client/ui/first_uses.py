@@ -1,0 +1,31 @@
+"""Has libraries import what they import at their first use, for which whoever opens the page would wait.
+
+Import this while there is something else to wait for.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import uvicorn
+from nicegui import ui
+from PIL import Image as PillowImage
+from starlette.types import Receive, Scope, Send
+
+ELEMENTS = (
+    *("button", "card", "dialog", "expansion", "html", "icon", "input", "item", "linear_progress", "menu", "select"),
+    *("separator", "switch", "toggle", "tooltip", "upload"),
+)
+
+
+async def _nothing(scope: Scope, receive: Receive, send: Send) -> None:
+    """An application that is never called."""
+
+
+for _element in ELEMENTS:
+    getattr(ui, _element)
+import_module("anyio._backends._asyncio")  # by which Starlette reads files
+_config = uvicorn.Config(_nothing, log_config=None)
+_config.load()
+_config.get_loop_factory()
+PillowImage.preinit()
