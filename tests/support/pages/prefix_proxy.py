@@ -13,16 +13,22 @@ from support.patience import PATIENCE
 
 _REQUEST = re.compile(rb"([A-Z]+) (\S+) (HTTP/1\.[01]\r\n)")
 _CONNECTION = re.compile(rb"\r\nconnection: *keep-alive", re.IGNORECASE)
+_UPGRADING = re.compile(rb"\r\nconnection: *upgrade", re.IGNORECASE)
+_UPGRADE = re.compile(rb"(?:upgrade:|sec-websocket-)[^\r]*\r\n", re.IGNORECASE)
 _NOT_FOUND = b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
 
 @dataclass
 class PrefixProxy:
-    """`cuts` says whether the server behind it gets paths without the prefix."""
+    """`cuts` says whether the server behind it gets paths without the prefix.
+
+    One that `buffers` sends answers once they are whole, and passes no WebSockets on, as proxies do by themselves.
+    """
 
     prefix: str
     cuts: bool
     listening: socket.socket
+    buffers: bool = False
     target: int = 0  # the server's port, set before anything is asked
     outside: list[str] = field(default_factory=list)  # paths that were asked for and are not below the prefix
     _open: set[socket.socket] = field(default_factory=set)
@@ -71,6 +77,8 @@ class PrefixProxy:
                 return
             passed = path.removeprefix(self.prefix) if self.cuts else path
             rest = _CONNECTION.sub(b"\r\nConnection: close", head[asked.end() - 2 :])[2:]
+            if self.buffers:
+                rest = _UPGRADING.sub(b"\r\nConnection: close", _UPGRADE.sub(b"", rest))
             self._pass(asked[1] + b" " + passed.encode() + b" " + asked[3] + rest, browser)
 
     def _pass(self, head: bytes, browser: socket.socket) -> None:
@@ -78,7 +86,7 @@ class PrefixProxy:
             self._open.add(server)
             server.sendall(head)
             sending = self._begin(_relay, browser, server)
-            _relay(server, browser)
+            _relay(server, browser, whole=self.buffers)
             for one in (browser, server):
                 with suppress(OSError):  # the other end may have closed it
                     one.shutdown(socket.SHUT_RDWR)
@@ -86,10 +94,10 @@ class PrefixProxy:
 
 
 @contextmanager
-def prefix_proxy(prefix: str, *, cuts: bool) -> Iterator[PrefixProxy]:
+def prefix_proxy(prefix: str, *, cuts: bool, buffers: bool = False) -> Iterator[PrefixProxy]:
     """Serve on a free port of loopback."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        proxy = PrefixProxy(prefix, cuts, listening)
+        proxy = PrefixProxy(prefix, cuts, listening, buffers)
         accepting = threading.Thread(target=proxy.serve, name="prefix proxy", daemon=True)
         accepting.start()
         try:
@@ -100,7 +108,13 @@ def prefix_proxy(prefix: str, *, cuts: bool) -> Iterator[PrefixProxy]:
             proxy.end()
 
 
-def _relay(source: socket.socket, target: socket.socket) -> None:
+def _relay(source: socket.socket, target: socket.socket, whole: bool = False) -> None:
+    """What comes is sent on as it comes, or all of it at the end."""
+    held = b""
     with suppress(OSError):
         while data := source.recv(1 << 16):
-            target.sendall(data)
+            if whole:
+                held += data
+            else:
+                target.sendall(data)
+        target.sendall(held)

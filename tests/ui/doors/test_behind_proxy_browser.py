@@ -54,6 +54,21 @@ def test_the_page_works_under_a_prefix(volume: Path, browser_page: Page, cuts: b
             page.goto("about:blank")
 
 
+def test_a_proxy_that_passes_no_sockets_on_is_named_and_the_first_picture_stays(
+    volume: Path, browser_page: Page
+) -> None:
+    page = browser_page
+    with prefix_proxy(PREFIX, cuts=True, buffers=True) as proxy:
+        proxy.target = free_port()
+        options = ("--workers", "1", "--port", str(proxy.target), "--behind", proxy.url)
+        with viewed(volume.parent, volume, *options) as view:
+            page.goto(view.url)
+            page.get_by_text("no WebSocket gets through to it: a proxy in between must pass them on").wait_for()
+            assert page.evaluate("() => window.volsplatViewport.canvas.width") > 0
+            assert proxy.outside == []
+            page.goto("about:blank")
+
+
 def ask(admission: Admission, host: str, path: str = "/", query: str = "", **headers: str) -> object:
     said = [("host", host), *((name.replace("_", "-"), value) for name, value in headers.items())]
     return admission.judge(Asked("GET", path, query, said, ("127.0.0.1", 1), ("127.0.0.1", 2)))

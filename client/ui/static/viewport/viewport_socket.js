@@ -10,10 +10,14 @@ const MISSED = 2; // questions that could not even be asked, one after the other
 const ASLEEP = 15000; // between two ticks: the machine slept, and the connection may be dead without knowing
 const REFUSED = 1008; // close code of a missing token
 const FORBIDDEN = 403; // the answer to a page without it, for which a socket only fails
+const THERE = 204; // the answer while this page may be heard
+const BARRED = 3; // attempts that fail, one after the other, while the process answers: something bars sockets
 const OTHER_VOLUME = 4001; // close code that has the page loaded anew, since another volume is shown
 
 const LOST = "No connection to volsplat's process. The picture stays as it was; trying again…";
 const NO_ANSWER = "volsplat's process does not answer. The picture stays as it was; waiting…";
+const NO_SOCKETS =
+  "volsplat's process answers, but no WebSocket gets through to it: a proxy in between must pass them on; ask who runs it, or come by ssh.";
 const TOKEN_MISSING = "This page may no longer see the volume: open the whole address that `volsplat view` printed.";
 
 /** @typedef {import("./viewport_messages.d.ts").PageMessage} PageMessage */
@@ -28,6 +32,7 @@ export class ViewportSocket {
   #socket = /** @type {WebSocket | null} */ (null);
   #wait = FIRST_WAIT;
   #retry = 0;
+  #failed = 0; // attempts since the last that did not
   #telling = 0; // the timer that will say it, or has
   #lastTick = Date.now();
   #ticking = 0;
@@ -120,6 +125,7 @@ export class ViewportSocket {
       location.reload();
       return;
     }
+    this.#failed++;
     this.#lose();
     this.#retry = setTimeout(() => this.#connect(), this.#wait);
     this.#wait = Math.min(2 * this.#wait, LONGEST_WAIT);
@@ -135,6 +141,7 @@ export class ViewportSocket {
     clearTimeout(this.#telling);
     this.#telling = 0;
     this.#wait = FIRST_WAIT;
+    this.#failed = 0;
     this.#state({ connected: true, anew: true, text: "" });
   }
 
@@ -180,6 +187,7 @@ export class ViewportSocket {
     if (this.#ticking === 0) return; // closed meanwhile
     this.#missed = answered ? 0 : this.#missed + 1;
     if (answered === FORBIDDEN) this.#refused();
+    else if (answered === THERE && this.#failed >= BARRED) this.#tellBarred();
     else if (answered) this.#answered();
     else if (this.#connected && (answered === null || this.#missed >= MISSED)) {
       this.#stalled = true;
@@ -189,6 +197,11 @@ export class ViewportSocket {
 
   #tellSilence() {
     if (this.#connected) this.#state({ connected: false, text: NO_ANSWER });
+  }
+
+  #tellBarred() {
+    clearTimeout(this.#telling);
+    this.#state({ connected: false, text: NO_SOCKETS });
   }
 
   #answered() {
