@@ -28,7 +28,7 @@ from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.doors.waiting_page import WAITING_PATH
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.viewing.saving import (
-    LARGEST_SCENE_FILE,
+    LARGEST_UPLOAD,
     SCENE_PARAMETER,
     VOLUME_PARAMETER,
     check_link_is_of,
@@ -131,7 +131,7 @@ class Application:
             gzip_middleware_factory=None,  # nonces come first
         )
         compressed = GZipMiddleware(ScriptNonces(application, bundles.in_page), SMALLEST_COMPRESSED, COMPRESSION)
-        guarded = Gate(compressed, address.admission, LARGEST_SCENE_FILE + LARGEST_FORM)
+        guarded = Gate(compressed, address.admission, LARGEST_UPLOAD + LARGEST_FORM)
         behind = address.admission.behind
         prefix = behind.prefix if behind else ""
         kept = {f"{prefix}{path}": "no-cache" for path in (STATIC_PATH, MODULES_PATH)}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from nicegui import ui
 
 from volsplat.client.ui.controls.page_frame import page_frame, theme_button
+from volsplat.client.ui.controls.scene_upload import SceneUpload
+from volsplat.client.ui.opening.dropped_files import DroppedFiles, refuse
 from volsplat.client.ui.opening.open_dialog import OpenDialog
 from volsplat.client.ui.opening.opening import Opening
 from volsplat.client.ui.panels.colour_bar import ColourBar
@@ -40,11 +42,12 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             name.props("role=heading aria-level=1")
             ui.label(" × ".join(str(n) for n in description.geometry.dims)).classes("vs-muted")
             volume_information(viewing.volume)
-            if opening is not None:
-                OpenDialog(opening)
+            dialog = OpenDialog(opening) if opening is not None else None
             steps_bar(viewing)
             ui.element("div").classes("vs-spread")
-            save_panel(viewing)
+            scenes = SceneUpload(viewing)
+            save_panel(viewing, scenes)
+            DroppedFiles(scenes, dialog.offer if dialog is not None else refuse)
             theme_button()
             Drawers()
         with ui.element("aside").classes("vs-left").props("aria-label=scene"):

@@ -199,10 +199,10 @@ def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: 
     good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
     good.write_text(scene.replace('background = "#000000"', 'background = "#204060"'))
     bad.write_text("[image]\nbackground = 7\n")
-    page.locator("input[type=file][accept='.toml']").first.set_input_files(bad)
+    page.locator("input[type=file][accept^='.toml']").first.set_input_files(bad)
     page.get_by_text("image.background").wait_for()
     assert save(page, "scene as TOML").decode() == scene
-    shown = after(page, lambda: page.locator("input[type=file][accept='.toml']").first.set_input_files(good))
+    shown = after(page, lambda: page.locator("input[type=file][accept^='.toml']").first.set_input_files(good))
     assert shown[0, 0, :3].tolist() == [0x20, 0x40, 0x60]
     page.locator(".vs-view canvas").first.focus()
     undone = after(page, lambda: page.keyboard.press("Control+z"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from volsplat.client.ui.opening.opening import Opening
+from volsplat.client.ui.opening.opening import Dropped, Opening
 from volsplat.client.ui.opening.volume_chooser import VolumeChooser
 
 
@@ -26,3 +26,9 @@ class OpenDialog:
         self._chooser.show_recent(self._opening.recent[1:])
         self._dialog.open()
         await self._chooser.look()
+
+    async def offer(self, dropped: Dropped) -> None:
+        """Show it, with what bears the name of a file that was dropped on the page."""
+        self._chooser.show_recent([])
+        self._dialog.open()
+        await self._chooser.offer(dropped)

@@ -19,7 +19,7 @@ from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Feed, Viewing
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume_name import VolumeName, volume_name
-from volsplat.protocol.messages.folder_messages import FolderListed
+from volsplat.protocol.messages.folder_messages import FolderEntry, FolderListed
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
@@ -48,6 +48,14 @@ class Place(NamedTuple):
         if self.is_phantom:
             return f"phantom {self.name}"
         return str(VolumeName("/".join(filter(None, (self.folder, self.name))) or ".", self.part))
+
+
+class Dropped(NamedTuple):
+    """What a browser tells of a file or folder that is dropped on its page: not where it lies. A folder has 0 bytes."""
+
+    name: str
+    bytes: int
+    is_folder: bool
 
 
 @dataclass(frozen=True)
@@ -129,6 +137,20 @@ class Opening:
             if any(entry.is_folder and not entry.is_volume and entry.name == below.name for entry in there.entries):
                 return "/".join(filter(None, (below.folder, below.name)))
         return below._replace(part=name.part)
+
+    @property
+    def folders_known(self) -> list[str]:
+        """The first folder, the root, and those of recent volumes."""
+        return list(dict.fromkeys([self.first_folder, "", *(one.folder for one in self.recent if not one.is_phantom)]))
+
+    def alike(self, dropped: Dropped) -> list[tuple[Place, FolderEntry]]:
+        """What bears the name of a dropped file or folder, in the folders known. As `listed`."""
+        return [
+            (Place(folder, entry.name), entry)
+            for folder in self.folders_known
+            for entry in self.listed(folder, dropped.name).entries
+            if entry.name == dropped.name and entry.is_folder >= dropped.is_folder
+        ]
 
     async def open(self, place: Place, keep_tables: bool) -> None:
         """Show this volume, in all tabs, once it can be drawn; returns then.

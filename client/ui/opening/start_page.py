@@ -5,6 +5,7 @@ from __future__ import annotations
 from nicegui import context, ui
 
 from volsplat.client.ui.controls.page_frame import page_frame, theme_button
+from volsplat.client.ui.opening.dropped_files import DroppedFiles
 from volsplat.client.ui.opening.opening import Opening
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.opening.volume_chooser import VolumeChooser
@@ -26,4 +27,5 @@ def start_page(shown: ShownVolume, opening: Opening) -> None:
             theme_button()
         chooser = VolumeChooser(opening, may_keep_tables=False)
         chooser.show_recent([])
+        DroppedFiles(None, chooser.offer)
     ui.timer(0.0, chooser.look, once=True)

@@ -12,12 +12,14 @@ from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.opening.folder_list import FOLDER, PHANTOM, UP, VOLUME, FolderList, Row
-from volsplat.client.ui.opening.opening import News, Opening, Place
+from volsplat.client.ui.opening.opening import Dropped, News, Opening, Place
 from volsplat.client.ui.opening.phantom_files import PHANTOMS
 from volsplat.protocol.messages.folder_messages import FolderEntry, FolderListed
 from volsplat.protocol.text.byte_sizes import size_on_disk
 from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.text.printable import printable
 
+BROWSERS_HIDE = "A browser does not tell where a dropped file lies"
 OF_PHANTOMS = "phantoms, which volsplat makes itself"
 
 
@@ -81,8 +83,32 @@ class VolumeChooser:
         if number == self._newest:
             self._show(listed)
 
+    async def offer(self, dropped: Dropped) -> None:
+        """What may be a file that a person dropped on the page; where there is none, what lies in the folder."""
+        await self.look()
+        self._newest += 1
+        number, self._trouble.text = self._newest, ""
+        try:
+            alike = await asyncio.to_thread(self._opening.alike, dropped)
+        except VolsplatError as error:
+            self._trouble.text = str(error)
+            return
+        if number != self._newest:
+            return
+        if not alike:
+            self._trouble.text = self._nothing_alike(printable(dropped.name))
+            return
+        self._where.text, self._left_out.text = f"is it this {printable(dropped.name)}?", BROWSERS_HIDE
+        back = Choice(Row("..", "back to the folder", "", UP), partial(self._go, self._folder))
+        self._offer([back, *(self._choice(place, entry, str(place)) for place, entry in alike)])
+
+    def _nothing_alike(self, name: str) -> str:
+        folders = ", ".join(folder or self._opening.root_name for folder in self._opening.folders_known)
+        return f"no {name} in {folders}. {BROWSERS_HIDE}: go to its folder below, or run there: volsplat view {name}"
+
     def _show(self, listed: FolderListed) -> None:
-        self._offer([*self._ways(), *(self._choice(entry) for entry in listed.entries)])
+        entries = ((Place(self._folder, entry.name, entry.part), entry) for entry in listed.entries)
+        self._offer([*self._ways(), *(self._choice(place, entry, entry.name) for place, entry in entries)])
         told = "" if listed.entries else "no volume and no folder here"
         if listed.left_out:
             told = f"{listed.left_out} more are there; a part of a name finds them"
@@ -96,14 +122,13 @@ class VolumeChooser:
             return [Choice(Row("phantoms", "made by volsplat, to try it", "", PHANTOM), self._show_phantoms)]
         return []
 
-    def _choice(self, entry: FolderEntry) -> Choice:
+    def _choice(self, place: Place, entry: FolderEntry, name: str) -> Choice:
         row = Row(
-            entry.name or entry.kind,
+            name or entry.kind,
             entry.kind if entry.name else "",
             size_on_disk(entry.bytes) if entry.bytes else "",
             VOLUME if entry.is_volume else FOLDER,
         )
-        place = Place(self._folder, entry.name, entry.part)
         if entry.is_folder:
             return Choice(row, partial(self._open_part, place) if entry.is_volume else partial(self._go, str(place)))
         return Choice(row, partial(self._open, place))

@@ -7,21 +7,20 @@ import re
 from collections.abc import Callable
 from functools import cache, partial
 
-from nicegui import context, events, ui
+from nicegui import context, ui
 
-from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.client.ui.controls.scene_upload import SceneUpload
 from volsplat.client.ui.panels.figure_dialog import FigureDialog
 from volsplat.client.ui.panels.movie_dialog import MovieDialog
 from volsplat.client.ui.viewing.picture import Picture
-from volsplat.client.ui.viewing.saving import LARGEST_SCENE_FILE, ImageFormat, image_bytes, scene_bytes, scene_link
+from volsplat.client.ui.viewing.saving import ImageFormat, image_bytes, scene_bytes, scene_link
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.text.errors import VolsplatError
 
 
-def save_panel(viewing: Viewing) -> None:
+def save_panel(viewing: Viewing, scenes: SceneUpload) -> None:
     figure = _built_when_opened(partial(FigureDialog, viewing, file_stem(viewing)))
     movie = _built_when_opened(partial(MovieDialog, viewing, file_stem(viewing)))
-    opening = _scene_upload(viewing)
     with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
         with ui.menu().props("auto-close"):
             ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
@@ -29,7 +28,7 @@ def save_panel(viewing: Viewing) -> None:
             ui.menu_item("figure…", figure)
             ui.separator()
             ui.menu_item("scene as TOML", partial(_save_scene, viewing))
-            ui.menu_item("open a scene…", lambda: opening.run_method("pickFiles"))
+            ui.menu_item("open a scene…", scenes.pick)
             ui.menu_item("copy a link to this scene", partial(_copy_link, viewing))
             ui.separator()
             ui.menu_item("movie…", movie)
@@ -80,19 +79,3 @@ def _copy_link(viewing: Viewing) -> None:
     page = str(context.client.request.base_url)
     ui.clipboard.write(scene_link(page, viewing.model.scene, viewing.default_scene, viewing.volume.description.name))
     ui.notify("copied: the link restores this scene in a browser that may see this page; it opens the page to nobody")
-
-
-def _scene_upload(viewing: Viewing) -> ui.upload:
-    """An upload that is never seen; the menu opens its file picker."""
-
-    async def opened(event: events.UploadEventArguments) -> None:
-        upload.reset()
-        data = await event.file.read()
-        try:
-            scene = scene_from_toml(data.decode("utf-8"), viewing.model.scene, event.file.name)
-            viewing.show_scene(scene)
-        except (VolsplatError, ValueError) as error:
-            ui.notify(str(error), type="negative", timeout=0, close_button=True)
-
-    upload = ui.upload(on_upload=opened, auto_upload=True, max_file_size=LARGEST_SCENE_FILE)
-    return upload.props("accept=.toml").style("display: none")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import logging
+import tempfile
 import threading
 import time
 import zlib
@@ -21,10 +22,10 @@ from numpy.typing import ArrayLike
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import Figure
 from volsplat.client.image.file_bytes import bytes_of
-from volsplat.client.image.image_formats import need_pdf
+from volsplat.client.image.image_formats import SCENE_HOLDERS, need_pdf
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable
-from volsplat.client.scene.scene_file import scene_toml
+from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
@@ -39,9 +40,11 @@ ImageFormat = Literal["png", "exr"]
 FIGURE_KINDS = (".pdf", ".svg", ".png", ".tif")
 SCENE_PARAMETER = "scene"  # of a link, in its query
 VOLUME_PARAMETER = "volume"  # likewise, the name of what the scene is of
-LARGEST_SCENE_FILE = 1 << 20  # bytes
+SCENE_FILE = ".toml"
+SCENE_FILES = (SCENE_FILE, *SCENE_HOLDERS)  # what a scene can be taken from
+LARGEST_UPLOAD = 1 << 25  # bytes, of an image
 
-_LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
+_LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to, or of a scene file
 
 
 def image_bytes(image: ArrayLike, scene: Scene, kind: ImageFormat, description: VolumeDescription) -> bytes:
@@ -79,6 +82,30 @@ def figure_bytes(
 def scene_bytes(scene: Scene) -> bytes:
     """The whole scene as commented TOML."""
     return scene_toml(scene).encode()
+
+
+def scene_in_file(data: bytes, base: Scene, name: str) -> Scene:
+    """That of a scene file, which may leave out what `base` has, or of an image. Raises BadInput, naming the file."""
+    if Path(name).suffix.lower() in SCENE_HOLDERS:
+        return _scene_in_image(data, name)
+    if len(data) > _LARGEST_SCENE:
+        raise BadInput(f"{printable(name)}: is larger than any scene; take one that was saved here")
+    try:
+        return scene_from_toml(data.decode("utf-8"), base, printable(name))
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{printable(name)}: not a scene file: byte {error.start} is not UTF-8 text") from error
+
+
+def _scene_in_image(data: bytes, name: str) -> Scene:
+    from volsplat.client.image.image_file import read_scene
+
+    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
+        path = Path(folder, f"image{Path(name).suffix.lower()}")
+        path.write_bytes(data)
+        try:
+            return read_scene(path)
+        except BadInput as error:
+            raise BadInput(str(error).replace(str(path), printable(name))) from error
 
 
 def scene_link(base_url: str, scene: Scene, default_scene: Scene, volume: str = "") -> str:
