@@ -3,12 +3,12 @@
 #include <cmath>
 
 #include "kernels/constants.h"
+#include "kernels/tables/patch_table.h"
 
 namespace volsplat {
 
 namespace {
 
-constexpr std::size_t kPlane = 65536;
 constexpr double kApart = 0.25;         // of the finer light is that of columns for themselves
 constexpr double kHidden = 1.0 / 1024;  // as little as freezes a pixel
 
@@ -17,7 +17,7 @@ class Look {
 public:
     explicit Look(const double* table) : table_(table) {}
 
-    const double* entry(std::uint32_t packet) const { return table_ + 3 * (packet & (kPlane - 1)); }
+    const double* entry(std::uint32_t packet) const { return table_ + 3 * (packet & (kPlaneEntries - 1)); }
 
 private:
     const double* table_;
