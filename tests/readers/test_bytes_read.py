@@ -126,7 +126,7 @@ def test_prepare_reads_a_file_in_rows_three_times(tmp_path: Path) -> None:
 
 def test_a_survey_keeps_no_slab() -> None:
     """Slabs thinner than a brick: of most of them no voxel is looked at for the background."""
-    geometry = Geometry((256, 256, 512))
+    geometry = Geometry((256, 256, 384))
     reader = SlabReader(
         geometry, "uint8", (256, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), slab_bytes=8 * 256 * 256
     )
