@@ -68,11 +68,15 @@ def test_a_table_point_that_was_dragged_goes_back_by_keys(page: Page) -> None:
 
 
 def test_keys_work_on_a_fresh_page(page: Page) -> None:
-    before = canvas(page)
+    before, colours = canvas(page), page.locator(".vs-colours")
+    page.keyboard.press("c")
+    colours.wait_for()
     page.keyboard.press("?")
     page.get_by_text("show or hide this list").wait_for()
+    colours.wait_for(state="hidden")  # they would lie on the list
     page.keyboard.press("Escape")
     page.get_by_text("show or hide this list").wait_for(state="hidden")
+    colours.wait_for()
     assert not torch.equal(after(page, lambda: page.keyboard.press("5")), before)
     turned = after(page, lambda: page.keyboard.press("ArrowRight"))
     page.get_by_role("button", name="Presets").focus()
