@@ -5,8 +5,6 @@ Import this while there is something else to wait for.
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import uvicorn
 from nicegui import ui
 from PIL import Image as PillowImage
@@ -24,7 +22,6 @@ async def _nothing(scope: Scope, receive: Receive, send: Send) -> None:
 
 for _element in ELEMENTS:
     getattr(ui, _element)
-import_module("anyio._backends._asyncio")  # by which Starlette reads files
 _config = uvicorn.Config(_nothing, log_config=None)
 _config.load()
 _config.get_loop_factory()
