@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import msgspec
 from nicegui import context, ui
 from nicegui.element import Element
 
-from volsplat.client.session.frame_report import STEP_WORDS
 from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.throttle import Throttle
-from volsplat.client.ui.doors.static_files import MODULES
-from volsplat.client.ui.viewing.pacing import Rung
+from volsplat.client.ui.doors.static_files import MODULES, STATIC
 from volsplat.client.ui.viewing.picture import Picture
-from volsplat.client.ui.viewing.running_step import progress
+from volsplat.client.ui.viewing.step_states import ChipState, StepsState, step_titles
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene, Step
+from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene
 from volsplat.protocol.rules.resolved_view import resolved_order
 
+STYLE = STATIC / "controls" / "step_chips.css"
 INTERVAL = 0.1  # seconds between updates
 
 
 def steps_bar(viewing: Viewing) -> None:
     """A chip for each step, and the order."""
+    ui.add_css(STYLE)
     editor = SceneEditor(viewing.model, viewing.volume.description.geometry, "steps")
     chips = StepChips()
     state = StepsState(viewing)
@@ -41,16 +41,6 @@ def steps_bar(viewing: Viewing) -> None:
     throttle()
 
 
-@dataclass(frozen=True)
-class ChipState:
-    """How one chip looks. `fill`: seconds that its step will take, and has taken, while it is drawn."""
-
-    current: bool
-    finished: bool
-    time: str
-    fill: tuple[float, float] | None
-
-
 class StepChips(Element, component="step_chips_component.js", esm=MODULES):
     """One chip a step: its letter, a bar that fills while it is drawn, and to who points at it what it took.
 
@@ -59,7 +49,7 @@ class StepChips(Element, component="step_chips_component.js", esm=MODULES):
 
     def __init__(self) -> None:
         super().__init__()
-        self.props["steps"] = [{"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in Step]
+        self.props["steps"] = step_titles()
         self._shown: list[ChipState] = []
 
     def show(self, states: list[ChipState]) -> None:
@@ -67,47 +57,6 @@ class StepChips(Element, component="step_chips_component.js", esm=MODULES):
         if states != self._shown:
             self._shown = states
             self.run_method("show", [asdict(state) for state in states])
-
-
-class StepsState:
-    """What is known of the steps, as pictures come."""
-
-    def __init__(self, viewing: Viewing) -> None:
-        self._viewing = viewing
-        self._seconds = {step: viewing.loop.pacing.expected(Rung(step)) for step in Step}
-        self._running: tuple[int, Step] | None = None  # revision and step
-        self._fill: tuple[float, float] | None = None  # of the running one
-
-    def note(self, picture: Picture) -> None:
-        """Remember what the picture's step took, in the size of the scene's image."""
-        if picture.outcome is not None and picture.whole:
-            self._seconds[picture.step] = picture.outcome.wall_seconds
-
-    def chips(self) -> list[ChipState]:
-        """How the chips should look now."""
-        state, pacing = self._viewing.model.now, self._viewing.loop.pacing
-        now = progress(self._viewing.pictures.newest, state, pacing.moving.step)
-        running = (state.revision, now.running) if now.running else None
-        if running != self._running:
-            self._running = running
-            expected = pacing.expected(Rung(now.running)) if now.running and state.settled else None
-            self._fill = None if expected is None else (expected, 0.0)
-        return [
-            ChipState(
-                current=step == (now.running or now.finished),
-                finished=now.finished is not None and step <= now.finished,
-                time="" if seconds is None else milliseconds(seconds),
-                fill=self._fill if step == now.running else None,
-            )
-            for step, seconds in self._seconds.items()
-        ]
-
-
-def milliseconds(seconds: float) -> str:
-    """As short as can be."""
-    if seconds >= 9.95:
-        return f"{seconds:.0f} s"
-    return f"{seconds:.1f} s" if seconds >= 0.9995 else f"{1000 * seconds:.0f} ms"
 
 
 def _order(editor: SceneEditor, viewing: Viewing) -> None:

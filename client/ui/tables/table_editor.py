@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import NamedTuple
 
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.doors.static_files import MODULES
+from volsplat.client.ui.tables.scene_tables import IndexedBy
 from volsplat.client.ui.tables.table_edits import Table, simplified, table_from_points
-from volsplat.client.volume.field_axis import FieldAxis
 from volsplat.protocol.description.scene import ColourTable
 from volsplat.protocol.text.errors import BadInput
-
-
-class IndexedBy(NamedTuple):
-    """The field whose values index a table, as its plot shows it."""
-
-    axis: FieldAxis
-    histogram: tuple[int, ...] | None
-    unused: str = ""  # why the table changes nothing at present
-    tint: str = ""  # the table over the same field whose colours the histogram's bars take
 
 
 class TableEditor(Element, component="table_editor_component.js", esm=MODULES):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 
 import msgspec
 from nicegui import context, ui
@@ -14,9 +14,9 @@ from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.tables.colour_map_menu import ColourMapList
-from volsplat.client.ui.tables.field_histograms import field_histogram
 from volsplat.client.ui.tables.preset_menu import OfferedPresets, PresetMenu
-from volsplat.client.ui.tables.table_editor import IndexedBy, TableEditor
+from volsplat.client.ui.tables.scene_tables import IndexedFields, table_of, with_table
+from volsplat.client.ui.tables.table_editor import TableEditor
 from volsplat.client.ui.tables.table_edits import (
     Table,
     constant,
@@ -32,10 +32,9 @@ from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
 from volsplat.client.ui.tables.table_shift import TableShift, by_density
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.client.volume.field_axis import field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Tables
-from volsplat.protocol.description.scene_keys import TABLE_WORDS, why_unused
+from volsplat.protocol.description.scene_keys import TABLE_WORDS
 
 STYLE = STATIC / "tables" / "table_editor.css"
 LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones
@@ -59,7 +58,7 @@ class TablesPanel:
         self._volume = volume
         self._presets = OfferedPresets(volume, default_scene)
         self._table_shift = TableShift()
-        self._histogram = lru_cache(maxsize=8)(partial(field_histogram, volume))
+        self._fields = IndexedFields(volume)
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
             self._editors = {which: self._build_table(which) for which in TABLE_WORDS}
@@ -108,8 +107,8 @@ class TablesPanel:
         scene = self._model.scene
         editor = TableEditor(
             TABLE_WORDS[which],
-            _table_of(scene, which),
-            self._field(scene, which),
+            table_of(scene, which),
+            self._fields.of(scene, which),
             on_change=lambda table, settled: self._change(which, lambda _: table, settled),
             on_file=lambda name, text: self._load(which, name, text),
         )
@@ -168,7 +167,7 @@ class TablesPanel:
 
     def _change(self, which: str, edit: Callable[[Table], Table], settled: bool = True) -> None:
         self._model.change(
-            lambda scene: _with_table(scene, which, edit(_table_of(scene, which))), by=self._by(which), settled=settled
+            lambda scene: with_table(scene, which, edit(table_of(scene, which))), by=self._by(which), settled=settled
         )
 
     def _shift(self, by: float, settled: bool) -> None:
@@ -190,7 +189,7 @@ class TablesPanel:
 
         def taken(scene: Scene) -> Scene:
             cross_bar = replace(scene.cross_bar, **{which: getattr(preset.cross_bar, which)})
-            return replace(_with_table(scene, which, _table_of(preset, which)), cross_bar=cross_bar)
+            return replace(with_table(scene, which, table_of(preset, which)), cross_bar=cross_bar)
 
         self._model.change(taken, by=self._by(which))
 
@@ -221,19 +220,14 @@ class TablesPanel:
 
     def _follow(self, state: SceneState) -> None:
         for which, editor in self._editors.items():
-            table = _table_of(state.scene, which)
+            table = table_of(state.scene, which)
             # What a person drags here is on the screen already; what becomes of it is told when it is settled.
             if state.settled if state.by == self._by(which) else table != editor.table:
                 editor.show_table(table)
-            editor.show_field(self._field(state.scene, which))
+            editor.show_field(self._fields.of(state.scene, which))
         self._show_head()
         if state.settled and self._preset_place.value:
             self._preset_menu.show(state.scene)
-
-    def _field(self, scene: Scene, which: str) -> IndexedBy:
-        field = getattr(scene.cross_bar, which)
-        axis = field_axis(self._volume, field, scene.quantise)
-        return IndexedBy(axis, self._histogram(field, scene.quantise), why_unused(which, scene), _tint(scene, which))
 
     def _show_head(self) -> None:
         self._undo.set_enabled(self._model.can_undo)
@@ -246,10 +240,6 @@ class TablesPanel:
         self._shift_slider.show(high - low, bool(by_density(scene)) and not scene.plane.patches)
 
 
-def _with_table(scene: Scene, which: str, table: Table) -> Scene:
-    return replace(scene, tables=replace(scene.tables, **{which: table}))
-
-
 def _greatest_opacity(scene: Scene) -> float:
     """Of the opacity table, or of any patch."""
     return max((patch.opacity for patch in scene.plane.patches), default=scene.tables.opac.greatest)
@@ -259,24 +249,13 @@ def _with_opacities(scene: Scene, logarithm: float) -> Scene:
     """All opacities scaled to a greatest of 10**logarithm, to three digits."""
     greatest = float(f"{10**logarithm:.3g}")
     if not scene.plane.patches:
-        return _with_table(scene, "opac", with_greatest(scene.tables.opac, greatest))
+        return with_table(scene, "opac", with_greatest(scene.tables.opac, greatest))
     return replace(scene, plane=replace(scene.plane, patches=patches_with_greatest(scene.plane.patches, greatest)))
-
-
-def _table_of(scene: Scene, which: str) -> Table:
-    table: Table = getattr(scene.tables, which)
-    return table
 
 
 def _chosen_value(table: Table, selected: int) -> tuple[float, ...]:
     """The value of the point that is selected, or else of the middle."""
     return value_at(table, table.points[selected][0] if 0 <= selected < len(table.points) else 0.5)
-
-
-def _tint(scene: Scene, which: str) -> str:
-    """Opacity tells how much is seen of which colour, if both are by the same field."""
-    alike = which == "opac" and scene.cross_bar.opac is scene.cross_bar.refl
-    return TABLE_WORDS["refl"] if alike and not why_unused("refl", scene) else ""
 
 
 def _icon_button(icon: str, label: str, on_click: Callable[[], object] | None = None) -> ui.button:
