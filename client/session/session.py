@@ -337,12 +337,15 @@ class Session:
         self.volume  # noqa: B018  until it is known there is nothing to be told
         return self._coordination.ask(question)
 
-    def widget(self, scene: Scene | None = None) -> VolumeWidget:
-        """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
+    def widget(self, scene: Scene | None = None, controls: bool = False) -> VolumeWidget:
+        """A viewport for a notebook, with the scene as its trait, and with `controls` steps and tables beside it.
+
+        Raises BadInput without the extra [notebook].
+        """
         need("anywidget", "a widget", "notebook")
         from volsplat.client.ui.notebook_widget import VolumeWidget
 
-        return VolumeWidget(self, scene)
+        return VolumeWidget(self, scene, controls)
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameGivenUp once every server has acknowledged."""

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import posixpath
 import re
+from dataclasses import dataclass
 from typing import Any
 
 import anywidget
@@ -15,6 +16,7 @@ import traitlets
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.notebook_controls import ControlsTalk
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.saving import image_bytes
 from volsplat.client.ui.viewing.scene_model import SceneState
@@ -23,12 +25,15 @@ from volsplat.protocol.description.scene import Scene
 
 VIEWPORT = STATIC / "viewport"
 START = "viewport/viewport.js"
+CONTROLS = "viewport/notebook_controls.js"
+STYLES = ("theme.css", "viewport/viewport.css", "viewport/notebook.css")
+CONTROLS_STYLES = ("controls/step_chips.css", "tables/table_editor.css")
 HEIGHT = 512  # CSS pixels
 _IMPORTED = re.compile(r"""from\s+["'](\.{1,2}/[\w./]+)["']""")
 
 
-def modules_from(start: str) -> dict[str, str]:
-    """The modules that `start` needs, itself last: each after all that it imports, and naming them as here."""
+def modules_from(*starts: str) -> dict[str, str]:
+    """The modules that `starts` need, and these: each after all that it imports, and naming them as here."""
     ordered: dict[str, str] = {}
 
     def add(name: str) -> None:
@@ -41,7 +46,8 @@ def modules_from(start: str) -> dict[str, str]:
                 add(named(imported))
             ordered[name] = _IMPORTED.sub(lambda found: f'from "./{named(found[1])}"', source)
 
-    add(start)
+    for start in starts:
+        add(start)
     return ordered
 
 
@@ -49,19 +55,23 @@ class VolumeWidget(anywidget.AnyWidget):
     """One viewport of a session. `scene` follows the hand, and may be set."""
 
     _esm = VIEWPORT / "notebook.js"
-    _css = (STATIC / "theme.css").read_text("utf-8") + (VIEWPORT / "viewport.css").read_text("utf-8")
+    _css = "".join((STATIC / name).read_text("utf-8") for name in (*STYLES, *CONTROLS_STYLES))
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
+    controls = traitlets.Bool(False, help="whether steps and tables are beside it").tag(sync=True)
     scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn; BadInput for what is no scene")
 
-    def __init__(self, session: Session, scene: Scene | None = None, height: int = HEIGHT) -> None:
+    def __init__(
+        self, session: Session, scene: Scene | None = None, controls: bool = False, height: int = HEIGHT
+    ) -> None:
         """Raises RuntimeError outside an event loop; a notebook has one."""
         first = session.default_scene() if scene is None else checked_scene(scene)
-        super().__init__(modules=modules_from(START), height=height, scene=first)
+        modules = modules_from(START, CONTROLS) if controls else modules_from(START)
+        super().__init__(modules=modules, controls=controls, height=height, scene=first)
         self._viewing = opened_viewing(session, first)
         self._viewing.pictures.attach(asyncio.get_running_loop())
         self._viewing.troubles.attach(asyncio.get_running_loop())
-        self._talks: dict[str, ViewportTalk] = {}  # by the view, of which a notebook may show several
+        self._views: dict[str, _View] = {}  # a notebook may show several
         self._viewing.model.subscribe(self._on_scene)
         self.observe(self._on_scene_set, names="scene")
         self.on_msg(self._heard)
@@ -94,19 +104,28 @@ class VolumeWidget(anywidget.AnyWidget):
     def close(self) -> None:
         """End the drawing; the session goes on."""
         self._viewing.loop.close()
-        for talk in self._talks.values():
-            talk.end()
+        for view in self._views.values():
+            view.end()
         super().close()
 
     def _heard(self, widget: VolumeWidget, content: dict[str, Any], buffers: list[bytes]) -> None:
-        view, text = content["view"], content["text"]
-        if text is None:  # it has been opened, anew perhaps
-            if view in self._talks:
-                self._talks.pop(view).end()
-            self._talks[view] = ViewportTalk(self._viewing, view, lambda message: self._tell(view, message))
-            self._talks[view].begin()
-        elif view in self._talks:
-            self._talks[view].heard(text)
+        name = content["view"]
+        if content.get("text", "") is None:  # it has been opened, anew perhaps
+            if name in self._views:
+                self._views.pop(name).end()
+            self._views[name] = self._view(name)
+            self._views[name].begin()
+        elif name in self._views:
+            self._views[name].heard(content)
+
+    def _view(self, name: str) -> _View:
+        viewport = ViewportTalk(self._viewing, name, lambda message: self._tell(name, message))
+        if not self.controls:
+            return _View(viewport)
+        return _View(
+            viewport,
+            ControlsTalk(self._viewing, name, lambda content: self.send({"view": name, "controls": content})),
+        )
 
     def _tell(self, view: str, message: str | bytes) -> None:
         if isinstance(message, str):
@@ -121,3 +140,27 @@ class VolumeWidget(anywidget.AnyWidget):
         scene: Scene = change["new"]
         if scene != self._viewing.model.scene:
             self._viewing.model.change(lambda _: msgspec.structs.replace(scene), by="notebook")
+
+
+@dataclass(frozen=True)
+class _View:
+    """One place where a notebook shows the widget."""
+
+    viewport: ViewportTalk
+    controls: ControlsTalk | None = None
+
+    def begin(self) -> None:
+        self.viewport.begin()
+        if self.controls is not None:
+            self.controls.begin()
+
+    def heard(self, content: dict[str, Any]) -> None:
+        if "controls" not in content:
+            self.viewport.heard(content["text"])
+        elif self.controls is not None:
+            self.controls.heard(content["controls"])
+
+    def end(self) -> None:
+        self.viewport.end()
+        if self.controls is not None:
+            self.controls.end()

@@ -1,25 +1,24 @@
-// The viewport in a notebook: loads the page's own modules from their texts, and carries what is said by widget messages.
+// The viewport in a notebook, with its controls if asked for: loads the page's own modules from their texts, and carries
+// what is said by widget messages.
 
-/** The modules as blobs, each import pointing to the blob of what it names. @returns {Promise<any>} the last one */
-async function loaded(sources) {
+/** The modules as blobs, each import pointing to the blob of what it names. @returns {(name: string) => Promise<any>} */
+function linked(sources) {
   const addresses = new Map();
-  let last = "";
   for (const [name, source] of Object.entries(sources)) {
-    const linked = source.replace(/from\s+["']\.\/([\w./]+)["']/g, (_, imported) => `from "${addresses.get(imported)}"`);
-    last = URL.createObjectURL(new Blob([linked], { type: "text/javascript" }));
-    addresses.set(name, last);
+    const text = source.replace(/from\s+["']\.\/([\w./]+)["']/g, (_, imported) => `from "${addresses.get(imported)}"`);
+    addresses.set(name, URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
   }
-  return import(last);
+  return (name) => import(addresses.get(name));
 }
 
 /** What Viewport talks through. */
 class WidgetTransport {
   constructor(model) {
     this.model = model;
-    this.view = crypto.randomUUID();
+    this.view = crypto.getRandomValues(new Uint32Array(4)).join("-"); // randomUUID is for pages by HTTPS alone
     this.listeners = { message: (_message) => {}, picture: (_header, _bytes) => {}, state: (_state) => {} };
     this.received = (content, buffers) => {
-      if (content.view !== this.view) return;
+      if (content.view !== this.view || content.controls) return;
       if (content.text !== null) this.listeners.message(JSON.parse(content.text));
       else this.takePicture(new Uint8Array(buffers[0].buffer, buffers[0].byteOffset, buffers[0].byteLength));
     };
@@ -44,15 +43,31 @@ class WidgetTransport {
   close() { this.model.off("msg:custom", this.received); }
 }
 
+/** The controls in an element of their own. @returns {Promise<() => void>} what ends them */
+async function beside(el, imported, model, view) {
+  const host = document.createElement("div");
+  host.className = "vs-notebook-controls";
+  el.append(host);
+  const { NotebookControls } = await imported("viewport/notebook_controls.js");
+  const controls = new NotebookControls(host, (said) => model.send({ view, controls: said }));
+  const received = (content) => content.view === view && content.controls && controls.show(content.controls);
+  model.on("msg:custom", received);
+  return () => { model.off("msg:custom", received); controls.close(); };
+}
+
 export default {
   async render({ model, el }) {
+    el.classList.add("vs-notebook");
+    el.style.height = `${model.get("height")}px`;
     const host = document.createElement("div");
-    host.style.cssText = `position: relative; width: 100%; height: ${model.get("height")}px;`;
+    host.className = "vs-notebook-viewport";
     el.append(host);
-    const { Viewport } = await loaded(model.get("modules"));
+    const imported = linked(model.get("modules"));
+    const { Viewport } = await imported("viewport/viewport.js");
     const transport = new WidgetTransport(model);
     const viewport = new Viewport(host, transport);
+    const end = model.get("controls") ? await beside(el, imported, model, transport.view) : () => {};
     transport.open();
-    return () => { viewport.close?.(); transport.close(); };
+    return () => { end(); viewport.close?.(); transport.close(); };
   },
 };

@@ -1,0 +1,96 @@
+"""A cell of a notebook in a browser's tab: Jupyter's part, which shows a widget and carries what its halves say."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from support.patience import wait_until
+from volsplat.client import Session
+from volsplat.client.ui.notebook_widget import VolumeWidget
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+ADDRESS = "http://hub.example/"  # not by HTTPS, as many a hub
+_RENDER = """async ([source, traits]) => {
+  const listeners = [];
+  window.fromKernel = (content, buffers) => {
+    const views = buffers.map((text) => new DataView(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer));
+    for (const listener of listeners) listener(content, views);
+  };
+  const model = {
+    get: (name) => traits[name],
+    send: (content) => window.toKernel(content),
+    on: (_, listener) => listeners.push(listener),
+    off: (_, listener) => listeners.splice(listeners.indexOf(listener), 1),
+  };
+  const module = await import(URL.createObjectURL(new Blob([source], { type: "text/javascript" })));
+  window.endView = await module.default.render({ model, el: document.getElementById("cell") });
+}"""
+
+
+class NotebookCell:
+    """One view of a widget, whose Python half runs in an event loop of a thread, as in a kernel."""
+
+    def __init__(self, page: Page, session: Session, **options: Any) -> None:
+        self.page = page
+        self._said: queue.SimpleQueue[tuple[Any, list[str]]] = queue.SimpleQueue()
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._loop.run_forever, name="kernel", daemon=True).start()
+        self.widget = self.kernel(lambda: self._made(session, options))
+        page.expose_function("toKernel", self._heard)
+        html = f'<!doctype html><meta charset="utf-8"><style>{self.widget._css}</style><div id="cell" style="width: 1200px"></div>'
+        page.route("**/*", lambda route: route.fulfill(body=html, content_type="text/html"))
+        page.goto(ADDRESS)
+        traits = {name: getattr(self.widget, name) for name in ("modules", "controls", "height")}
+        page.evaluate(_RENDER, [self.widget._esm, traits])
+
+    def kernel(self, act: Callable[[], Any]) -> Any:
+        """What comes of it in the kernel."""
+
+        async def acting() -> Any:
+            return act()
+
+        return asyncio.run_coroutine_threadsafe(acting(), self._loop).result()
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        """Carry messages until it holds."""
+
+        def carried() -> bool:
+            while not self._said.empty():
+                self.page.evaluate("([content, buffers]) => window.fromKernel(content, buffers)", self._said.get())
+            return condition()
+
+        wait_until(carried, "shown in the notebook")
+
+    def close(self) -> None:
+        self.page.evaluate("() => window.endView()")
+        self.kernel(self.widget.close)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+
+    def _made(self, session: Session, options: dict[str, Any]) -> VolumeWidget:
+        said = self._said
+
+        class Spoken(VolumeWidget):
+            def send(self, content: Any, buffers: list[bytes] | None = None) -> None:
+                said.put((content, [base64.b64encode(one).decode() for one in buffers or []]))
+
+        return Spoken(session, **options)
+
+    def _heard(self, content: dict[str, Any]) -> None:
+        self._loop.call_soon_threadsafe(self.widget._handle_custom_msg, content, [])
+
+
+@contextmanager
+def notebook_cell(page: Page, session: Session, **options: Any) -> Iterator[NotebookCell]:
+    cell = NotebookCell(page, session, **options)
+    try:
+        yield cell
+    finally:
+        cell.close()

@@ -1,0 +1,68 @@
+"""The widget in a notebook's cell, in a real browser: its viewport, and its steps and tables if these are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.pages.browser import browser, browser_page
+from support.pages.notebook_cell import NotebookCell, notebook_cell
+from volsplat.client import Session
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.tables.scene_tables import with_table
+from volsplat.protocol.description.scene import FinestStep, ScalarTable
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page"]
+
+FINISHED = ".vs-step.vs-done"
+OPACITY = 'section[aria-label="Opacity"]'
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
+    path = tmp_path_factory.mktemp("notebook") / "shells.nrrd"
+    write_volume(path, *make_phantom("shells", (16, 16, 16)))
+    with Session(path, workers=1) as opened:
+        yield opened
+
+
+def drawn(cell: NotebookCell) -> bool:
+    """Whether there is a picture in the viewport."""
+    script = """() => {
+      const canvas = document.querySelector(".vs-viewport canvas");
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return new Set(data).size > 10;
+    }"""
+    return bool(cell.page.evaluate(script))
+
+
+def test_the_viewport_is_alone_where_nothing_else_is_asked_for(browser_page: Page, session: Session) -> None:
+    with notebook_cell(browser_page, session, height=300) as cell:
+        cell.until(lambda: drawn(cell))
+        assert cell.page.locator(".vs-table, .vs-step").count() == 0
+        assert cell.page.locator(".vs-viewport").bounding_box() == {"x": 8, "y": 8, "width": 1200, "height": 300}
+
+
+def test_steps_and_tables_lie_beside_the_viewport(browser_page: Page, session: Session) -> None:
+    with notebook_cell(browser_page, session, controls=True, height=600) as cell:
+        page, finished = cell.page, cell.page.locator(FINISHED)
+        cell.until(lambda: drawn(cell) and finished.count() == 6)
+        assert page.locator(".vs-table").count() == 4
+        page.get_by_role("button", name="refine to G").click()
+        cell.until(lambda: finished.count() == 7)
+        assert cell.widget.scene.refine.finest is FinestStep.G
+
+        point, before = page.locator(OPACITY).get_by_role("slider").last, cell.widget.scene.tables.opac
+        value = float(point.get_attribute("aria-valuenow") or "nan")
+        point.press("ArrowDown" if value > 0.5 else "ArrowUp")
+        cell.until(lambda: cell.widget.scene.tables.opac != before)
+        flat = ScalarTable(points=((0.0, 0.25), (0.5, 0.25), (1.0, 0.25)))
+        cell.kernel(lambda: setattr(cell.widget, "scene", with_table(cell.widget.scene, "opac", flat)))
+        cell.until(lambda: page.locator(OPACITY).get_by_role("slider").count() == 3)
+        assert page.locator(OPACITY).get_by_role("slider").nth(1).get_attribute("aria-valuenow") == "0.25"
