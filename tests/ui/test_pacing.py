@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene
-from volsplat.client.ui.viewing.pacing import LEAST_SIDE, THINNINGS, Pacing, Rung, ladder
+from volsplat.client.ui.viewing.pacing import FEWER, FEWEST, LEAST_SIDE, LEAST_THINNED_SIDE, Pacing, Rung, ladder
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 
@@ -19,9 +19,9 @@ SECONDS = st.floats(1e-4, 10.0)
 SCENE = plain_scene(size=(512, 512))
 RUNGS = ladder(SCENE)
 WHOLE = RUNGS[-1]
-# Milliseconds of each rung, as measured of shells of 256 x 256 x 256 voxels and a CT head of 96 x 128 x 113
-SHELLS = (5.0, 12.0, 15.0, 21.6, 23.0, 36.0, 38.0, 40.0, 45.0)
-HEAD = (3.6, 4.5, 5.4, 6.5, 7.3, 7.4, 8.3, 9.0, 12.0)
+# Milliseconds of each rung: shells of 256 x 256 x 256 voxels (from processor time), a CT head of 96 x 128 x 113.
+SHELLS = (5.6, 6.4, 8.9, 11.0, 19.3, 25.9, 36.5, 42.4, 52.0, 55.0, 57.0)
+HEAD = (3.6, 3.9, 4.4, 5.3, 6.0, 6.5, 7.3, 7.4, 8.3, 9.0, 12.0)
 WARM_UP = 60  # images, in which what rungs cost is found out
 
 
@@ -46,17 +46,26 @@ def test_below_the_whole_image_come_smaller_ones_and_then_fewer_voxels() -> None
     assert RUNGS[: len(thinned)] == thinned
     left = [1 / rung.thinning.one_in for rung in RUNGS]
     assert left == sorted(left) and left[0] == 1 / 64 and left[len(thinned) - 1] == 1 / 2
-    for some in (thinned, RUNGS[len(thinned) :]):
+    for some, least in ((thinned, LEAST_THINNED_SIDE), (RUNGS[len(thinned) :], LEAST_SIDE)):
         shares = [rung.share for rung in some]
-        assert shares == sorted(shares) and all(512 * share >= LEAST_SIDE for share in shares)
+        assert shares == sorted(shares) and all(512 * share >= least for share in shares)
 
 
 def test_a_small_image_is_drawn_whole_and_lit_however_few_its_voxels() -> None:
     small = ladder(plain_scene(size=(LEAST_SIDE, 900)))
-    assert small == [*(Rung(Step.F, 1.0, thinning) for thinning in THINNINGS), Rung(Step.F)]
+    assert small == [*(Rung(Step.F, 1.0, thinning) for thinning in (*FEWEST, FEWER[-1])), Rung(Step.F)]
 
 
-@pytest.mark.parametrize(("milliseconds", "best"), [(SHELLS, 4), (HEAD, 8), (tuple(2 * t for t in SHELLS), 2)])
+@pytest.mark.parametrize("side", [100, LEAST_SIDE, 400, 512, 700, 2160])
+def test_no_way_to_draw_is_on_the_ladder_twice(side: int) -> None:
+    rungs = ladder(plain_scene(size=(side, side)))
+    assert len(set(rungs)) == len(rungs)
+
+
+@pytest.mark.parametrize(
+    ("milliseconds", "best"),
+    [(SHELLS, 5), (HEAD, 10), (tuple(2 * t for t in SHELLS), 3), (tuple(4 * t for t in SHELLS), 1)],
+)
 @pytest.mark.parametrize("noise", [0.0, 0.15])
 def test_the_best_that_holds_the_rate_is_found_and_kept(
     milliseconds: tuple[float, ...], best: int, noise: float

@@ -2,8 +2,9 @@
 
 Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
 height it is more like the finished picture than a coarser step of the whole size. Where that takes too long, voxels are
-left out: first every other sheet, one behind the other as they lie, and rows, at last on each axis. So the ladder rises
-by what was measured to be like the finished picture, and costs rise with it (docs/notes/performance_log.md).
+left out: first every other sheet, one behind the other as they lie, then rows as well, in an ever smaller image, whose
+footprints take fewer pixels. So the ladder rises by what was measured to be like the finished picture, and costs rise
+with it (docs/notes/performance_log.md); what costs more than something more alike is not on it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from volsplat.protocol.rules.refinement import PAPER_STEPS
 IMAGES_PER_SECOND = 30.0
 SMALLER = (0.25, 0.375, 0.5, 0.75)  # images, as shares of the width and of the height
 LEAST_SIDE = 160  # pixels of a smaller image
-# What is left out in the smallest image, the most first; the last also in the next larger one.
-THINNINGS = (Thinning(octaves=2), Thinning(octaves=1), Thinning(sheets=2, rows=2), Thinning(sheets=2))
+LEAST_THINNED_SIDE = 128  # of one in which so much is left out that its pixels hide nothing
+# What is left out, the most first: in the smallest of such images, and in the next larger one; there the last also in
+# the one after.
+FEWEST = (Thinning(octaves=2), Thinning(sheets=4, rows=4), Thinning(sheets=3, rows=3), Thinning(sheets=2, rows=2))
+FEWER = (Thinning(sheets=2, rows=2), Thinning(sheets=2))
 _NEWEST_WEIGHT = 0.2  # of the newest time in the running mean
 _LEARNT = 6  # images, after which it is known what a rung costs beside the one before
 _LEAST = 2  # images, before another rung is taken
@@ -47,8 +51,12 @@ def ladder(scene: Scene) -> list[Rung]:
     """All ways to draw a moving scene, the best one last."""
     finest, side = PAPER_STEPS[-1], min(scene.image.width, scene.image.height)
     shares = [*(share for share in SMALLER if share * side >= LEAST_SIDE), 1.0]
-    thinned = [Rung(finest, shares[0], thinning) for thinning in THINNINGS]
-    larger = [Rung(finest, share, THINNINGS[-1]) for share in shares[1:2]]
+    smallest = next((share for share in SMALLER if share * side >= LEAST_THINNED_SIDE), 1.0)
+    thinned = [Rung(finest, smallest, thinning) for thinning in FEWEST]
+    thinned += [
+        Rung(finest, shares[0], thinning) for thinning in FEWER if (shares[0], thinning) != (smallest, FEWEST[-1])
+    ]
+    larger = [Rung(finest, share, FEWER[-1]) for share in shares[1:2]]
     return [*thinned, *larger, *(Rung(finest, share) for share in shares)]
 
 
