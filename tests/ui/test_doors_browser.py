@@ -16,13 +16,14 @@ from support.pages.browser import browser, patient_context, serving
 from support.pages.viewed import Viewed, viewed
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.application import LARGEST_FORM
+from volsplat.client.ui.viewing.saving import LARGEST_UPLOAD
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 __all__ = ["browser"]
 
-LARGEST_SCENE = 1 << 20  # bytes
 SHOWN = "() => window.volsplatViewport?.log.at(-1)?.last"
 
 
@@ -125,14 +126,15 @@ def test_markup_that_finds_its_way_into_the_page_runs_nothing(view: Viewed, brow
     assert not ran
 
 
-def test_the_server_shows_no_catalogue_and_takes_no_more_than_a_scene(view: Viewed) -> None:
+def test_the_server_shows_no_catalogue_and_takes_no_more_than_an_upload(view: Viewed) -> None:
     base = f"http://127.0.0.1:{view.port}"
     with patient_http.Client(base_url=base, headers={"Cookie": view.cookie}) as client:
         for path in ("/docs", "/redoc", "/openapi.json", "/docs/oauth2-redirect"):
             assert client.get(path).status_code == 404
         for path in ("/", "/_nicegui/client/x/upload/1", "/_nicegui_ws/socket.io/?EIO=4&transport=polling&sid=x"):
-            assert client.post(path, content=b"x" * (2 * LARGEST_SCENE)).status_code == 413
-            assert client.post(path, content=(b"x" * 65536 for _ in range(40))).status_code == 413
+            assert client.post(path, content=b"x" * (LARGEST_UPLOAD + LARGEST_FORM + 1)).status_code == 413
+            pieces = (b"x" * 2**20 for _ in range(2 + LARGEST_UPLOAD // 2**20))
+            assert client.post(path, content=pieces).status_code == 413
         page = client.get("/")
         assert "'unsafe-inline'" not in page.headers["content-security-policy"].partition("style-src")[0]
         assert "server" not in page.headers

@@ -45,7 +45,8 @@ class NotebookCell:
         threading.Thread(target=self._loop.run_forever, name="kernel", daemon=True).start()
         self.widget = self.kernel(lambda: self._made(session, options))
         page.expose_function("toKernel", self._heard)
-        html = f'<!doctype html><meta charset="utf-8"><style>{self.widget._css}</style><div id="cell" style="width: 1200px"></div>'
+        head = f'<!doctype html><meta charset="utf-8"><style>{self.widget._css}</style>'
+        html = f'{head}<div id="cell" style="width: 1200px"></div>'
         page.route("**/*", lambda route: route.fulfill(body=html, content_type="text/html"))
         page.goto(ADDRESS)
         traits = {name: getattr(self.widget, name) for name in ("modules", "controls", "height")}
