@@ -23,10 +23,9 @@ from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewport.viewport_talk import ViewportTalk
 from volsplat.protocol.description.scene import Scene
 
-VIEWPORT = STATIC / "viewport"
 START = "viewport/viewport.js"
-CONTROLS = "viewport/notebook_controls.js"
-STYLES = ("theme.css", "viewport/viewport.css", "viewport/notebook.css")
+CONTROLS = "notebook/notebook_controls.js"
+STYLES = ("theme.css", "viewport/viewport.css", "notebook/notebook.css")
 CONTROLS_STYLES = ("controls/step_chips.css", "tables/table_editor.css")
 HEIGHT = 512  # CSS pixels
 _IMPORTED = re.compile(r"""from\s+["'](\.{1,2}/[\w./]+)["']""")
@@ -54,7 +53,7 @@ def modules_from(*starts: str) -> dict[str, str]:
 class VolumeWidget(anywidget.AnyWidget):
     """One viewport of a session. `scene` follows the hand, and may be set."""
 
-    _esm = VIEWPORT / "notebook.js"
+    _esm = STATIC / "notebook" / "notebook.js"
     _css = "".join((STATIC / name).read_text("utf-8") for name in (*STYLES, *CONTROLS_STYLES))
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)

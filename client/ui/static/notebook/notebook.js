@@ -48,7 +48,7 @@ async function beside(el, imported, model, view) {
   const host = document.createElement("div");
   host.className = "vs-notebook-controls";
   el.append(host);
-  const { NotebookControls } = await imported("viewport/notebook_controls.js");
+  const { NotebookControls } = await imported("notebook/notebook_controls.js");
   const controls = new NotebookControls(host, (said) => model.send({ view, controls: said }));
   const received = (content) => content.view === view && content.controls && controls.show(content.controls);
   model.on("msg:custom", received);
