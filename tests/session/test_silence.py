@@ -17,6 +17,8 @@ from volsplat.protocol.messages.roles import Role
 __all__ = ["head", "scene", "single"]
 
 BRIEF = 2.0  # seconds of silence
+SILENT = "has said nothing for 2 s: it is frozen, overloaded or cut off"
+UNHEARD = "has no connection to"  # as servers that draw with it may find out first
 
 
 def test_a_frozen_map_shade_server_is_lost_and_the_others_draw_all(
@@ -27,7 +29,7 @@ def test_a_frozen_map_shade_server_is_lost_and_the_others_draw_all(
         with frozen(servers(session, "mapshade_server")[1]):
             assert torch.equal(session.render(scene), single.render(scene))
             (lost,) = [server for server in session.servers if server.lost]
-            assert "has said nothing for 2 s: it is frozen, overloaded or cut off" in lost.cause and lost.handed_over
+            assert (SILENT in lost.cause or UNHEARD in lost.cause) and lost.handed_over
         assert torch.equal(session.render(scene), single.render(scene)), "though it may speak again"
 
 
@@ -52,7 +54,7 @@ def test_in_the_place_of_the_only_one_another_is_started(
         assert torch.equal(session.render(scene), single.render(scene))
         wait_until(lambda: not only.is_running() or only.status() == psutil.STATUS_ZOMBIE, "is the frozen one ended")
         (lost,) = [server for server in session.servers if server.lost]
-        assert "has said nothing for 2 s" in lost.cause
+        assert SILENT in lost.cause or UNHEARD in lost.cause
 
 
 @pytest.mark.parametrize("program", ["mapshade_server", "splat_server"])
@@ -61,3 +63,5 @@ def test_while_nobody_draws_a_frozen_server_is_noticed_as_well(head: Path, scene
         session.render(scene)
         with frozen(servers(session, program)[0]):
             wait_until(lambda: any(server.lost for server in session.servers), "is it noticed")
+            (lost,) = [server for server in session.servers if server.lost]
+            assert SILENT in lost.cause
