@@ -24,5 +24,4 @@ for _element in ELEMENTS:
     getattr(ui, _element)
 _config = uvicorn.Config(_nothing, log_config=None)
 _config.load()
-_config.get_loop_factory()
 PillowImage.preinit()
