@@ -11,7 +11,7 @@ import msgspec
 
 from volsplat.client.ui.controls.throttle import Throttle
 from volsplat.client.ui.tables.scene_tables import IndexedFields, table_of, with_table
-from volsplat.client.ui.tables.table_edits import simplified, table_from_points
+from volsplat.client.ui.tables.table_edits import table_from_points
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.step_states import StepsState, step_titles
@@ -47,10 +47,9 @@ class ControlsTalk:
     def __init__(self, viewing: Viewing, view: str, send: Callable[[dict[str, Any]], None]) -> None:
         self._viewing, self._view, self._send = viewing, view, send
         self._fields = IndexedFields(viewing.volume)
-        self._answers = dict.fromkeys(
-            TABLE_WORDS, 0
-        )  # the number of the last change of each table that came from there
+        self._answers = dict.fromkeys(TABLE_WORDS, 0)  # of each table, the number of the last change made there
         self._tables: dict[str, dict[str, Any]] = {}  # as they were told
+        self._finest: FinestStep | None = None  # likewise
         self._steps = StepsState(viewing)
         self._throttle = Throttle(INTERVAL, lambda: send({"chips": [asdict(chip) for chip in self._steps.chips()]}))
         self._subscriptions = contextlib.ExitStack()
@@ -83,9 +82,8 @@ class ControlsTalk:
             self._send({"complaint": {"which": said.which, "text": str(error)}})
 
     def _change_table(self, said: TableChanged) -> None:
-        table = table_from_points(table_of(self._viewing.model.scene, said.which), said.points)
-        if said.settled and said.freehand:
-            table = simplified(table)
+        like, drawn = table_of(self._viewing.model.scene, said.which), said.settled and said.freehand
+        table = table_from_points(like, said.points, drawn)
         self._viewing.model.change(
             lambda scene: with_table(scene, said.which, table), by=f"{self._view} {said.which}", settled=said.settled
         )
@@ -102,7 +100,9 @@ class ControlsTalk:
         now = {which: self._shown(scene, which) for which in TABLE_WORDS}
         changed = {which: shown for which, shown in now.items() if shown != self._tables.get(which)}
         self._tables = now
-        self._send({"finest": scene.refine.finest.value, "tables": changed})
+        if changed or scene.refine.finest is not self._finest:  # not with every move of the hand
+            self._finest = scene.refine.finest
+            self._send({"finest": self._finest.value, "tables": changed})
 
     def _shown(self, scene: Scene, which: str) -> dict[str, Any]:
         table, field = table_of(scene, which), self._fields.of(scene, which)

@@ -10,7 +10,7 @@ from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.client.ui.tables.scene_tables import IndexedBy
-from volsplat.client.ui.tables.table_edits import Table, simplified, table_from_points
+from volsplat.client.ui.tables.table_edits import Table, table_from_points
 from volsplat.protocol.description.scene import ColourTable
 from volsplat.protocol.text.errors import BadInput
 
@@ -80,9 +80,8 @@ class TableEditor(Element, component="table_editor_component.js", esm=MODULES):
         change = event.args
         self._answers = int(change["number"])
         try:
-            table = table_from_points(self._table, change["points"])
             drawn = change["settled"] and change["freehand"]
-            self._on_change(simplified(table) if drawn else table, bool(change["settled"]))
+            self._on_change(table_from_points(self._table, change["points"], drawn), bool(change["settled"]))
         except (BadInput, ValueError) as error:
             self.show_table(self._table)
             self.complain(str(error))

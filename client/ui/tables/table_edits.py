@@ -20,12 +20,16 @@ Table = ColourTable | ScalarTable
 Channels = tuple[float, ...]  # the value of a scalar table's point, or a colour
 
 
-def table_from_points(like: Table, points: object) -> Table:
-    """A table of the same kind from untrusted points [[position, value or [r, g, b]], ...]. Raises ValueError."""
+def table_from_points(like: Table, points: object, drawn: bool = False) -> Table:
+    """A table of the same kind from untrusted points [[position, value or [r, g, b]], ...]. Raises ValueError.
+
+    A curve that was `drawn` freehand is simplified.
+    """
     try:
-        return msgspec.convert({"points": points}, type(like))
+        table = msgspec.convert({"points": points}, type(like))
     except msgspec.ValidationError as error:
         raise ValueError(str(error)) from error
+    return simplified(table) if drawn else table
 
 
 def ramp(table: Table, rising: bool = True) -> Table:
