@@ -10,7 +10,7 @@ from random import SystemRandom
 
 from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
-from volsplat.protocol.wire.tokens import new_token
+from volsplat.protocol.wire.tokens import Token, new_token
 
 BELOW_CONNECTIONS = 16384, 32768  # Linux gives those above to connections
 TOGETHER = 8  # ports, as servers that wait take one after the other
@@ -28,18 +28,41 @@ def free_port() -> int:
 
 @contextmanager
 def joined_by_hand(folders: list[Path], volume: str) -> Iterator[Session]:
-    """A session whose servers were started in these folders, one after the other, the splat server in the last."""
-    token = new_token()
-    programs: list[subprocess.Popen[bytes]] = []
-    with Session(volume, workers=len(folders), spawn=False, token=token) as session:
+    """A session whose map/shade servers run in these folders, asked in this order; the splat server in the last."""
+    with Session(volume, workers=len(folders), spawn=False, token=(token := new_token())) as session:
+        options = ["--connect", str(session.address)]
+        workers = [_Started("volsplat.mapshade_server", options, token) for _ in folders]
+        workers.sort(key=lambda worker: str(worker.program.pid))  # a client asks by their names, 10000 before 9999
+        started = [*workers, _Started("volsplat.splat_server", options, token)]
         try:
-            modules = ["volsplat.mapshade_server"] * len(folders) + ["volsplat.splat_server"]
-            for module, folder in zip(modules, [*folders, folders[-1]], strict=True):
-                command = [sys.executable, "-m", module, "--connect", str(session.address)]
-                programs.append(subprocess.Popen(command, cwd=folder, env={"VOLSPLAT_TOKEN": token.key.decode()}))
-                wait_until(lambda: len(session.servers) == len(programs), "joined")
+            for server, folder in zip(started, [*folders, folders[-1]], strict=True):
+                server.join(session, folder)
             yield session
         finally:
             session.close()
-            for program in programs:
-                program.wait(PATIENCE)
+            for server in started:
+                server.end()
+
+
+class _Started:
+    """A process that becomes a server once it hears which folder to run in."""
+
+    def __init__(self, module: str, options: list[str], token: Token) -> None:
+        shell = ["sh", "-c", 'read -r folder && cd "$folder" && exec "$@"', "sh"]
+        self.program = subprocess.Popen(
+            [*shell, sys.executable, "-m", module, *options],
+            stdin=subprocess.PIPE,
+            env={"VOLSPLAT_TOKEN": token.key.decode()},
+            text=True,
+        )
+
+    def join(self, session: Session, folder: Path) -> None:
+        assert self.program.stdin is not None
+        before = len(session.servers)
+        print(folder, file=self.program.stdin, flush=True)
+        wait_until(lambda: len(session.servers) > before, "joined")
+
+    def end(self) -> None:
+        assert self.program.stdin is not None
+        self.program.stdin.close()
+        self.program.wait(PATIENCE)
