@@ -9,6 +9,7 @@ from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape, Words
 from volsplat.client.figure.type_faces import size_within, width_of
 from volsplat.client.histogram.density_histogram import density_histogram
+from volsplat.client.scene.class_scenes import numbered_classes
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.field_axis import FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -20,6 +21,7 @@ from volsplat.protocol.rules.index_rules import Quantisation
 LAST = TABLE_ENTRIES - 1
 ALIKE = 1.5 / 255  # by how much colours that count as the same differ
 LEAST_OPACITY = 0.01  # of what is worth a place in a legend
+MOST_CLASSES = 128  # in one; of more there is a bar
 INSET = 1.2  # ems, from the figure's sides to an axis
 GAP = 0.6  # ems, above each axis
 CURVE, STRIP, TICK, TICK_LINE, HEADING_LINE = 2.2, 0.9, 0.3, 1.2, 1.3  # ems, each below the one before
@@ -182,7 +184,7 @@ def _proportional(a: Sequence[Colour], b: Sequence[Colour]) -> bool:
 
 
 def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], ...]:
-    """Names and colours of the classes that are there and not transparent, if the tables are by classes."""
+    """Names (or numbers) and colours of the classes that are there and not transparent, if the tables are by them."""
     description, bus = volume.description, scene.cross_bar
     if description.kind not in CLASS_KINDS or {bus.emit, bus.refl, bus.opac} != {Field.DENSITY}:
         return ()
@@ -193,11 +195,12 @@ def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], 
     colours = strips[-1][1].colours
     counts = density_histogram(volume.survey, volume.density_counts, rules.window).counts
     told = []
-    for band in sorted(description.bands, key=lambda band: band.low):
+    bands = description.bands or numbered_classes(volume.survey.low, volume.survey.high)
+    for band in sorted(bands, key=lambda band: band.low):
         low, high = (_entry(value, rules) for value in (band.low, band.high))
         if max(opacities[low : high + 1]) >= LEAST_OPACITY and any(counts[low : high + 1]):
             told.append((band.name, colours[(low + high) // 2]))
-    return tuple(told)
+    return tuple(told) if len(told) <= MOST_CLASSES else ()
 
 
 def _entry(value: float, rules: Quantisation) -> int:

@@ -6,7 +6,7 @@ from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, dimmed, scalars
 from volsplat.protocol.description.colours import colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import Colour, ColourTable, Scene, Shading, Tables
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable, Scene, Shading, Tables
 
 SURFACE = 0.85
 RIM = 0.35  # opacity of a band's lowest value, which is an atom's rim
@@ -26,7 +26,7 @@ CPK = {
 
 def classes_scene(subject: Subject) -> Scene | None:
     """Each class in its colour, solid; None if the file does not tell the classes and nothing lets guess them."""
-    bands = subject.bands or _numbered(subject)
+    bands = subject.bands or numbered_classes(subject.values.low, subject.values.high)
     if not bands:
         return None
     table = class_colours(subject, bands)
@@ -76,9 +76,7 @@ def class_bytes(subject: Subject, band: Band) -> tuple[int, int]:
     return round(at(band.low) * LAST), round(at(band.high) * LAST)
 
 
-def _numbered(subject: Subject) -> tuple[Band, ...]:
+def numbered_classes(low: float, high: float) -> tuple[Band, ...]:
     """Each whole number above 0 as a class of its own, as far as bytes tell them apart; 0 is the background."""
-    low, high = subject.values.low, subject.values.high
     first = max(int(low), 1)
-    most = LAST + 1
-    return tuple(Band(str(n), n, n) for n in range(first, min(int(high), first + most) + 1))
+    return tuple(Band(str(n), n, n) for n in range(first, min(int(high), first + TABLE_ENTRIES) + 1))

@@ -454,8 +454,8 @@ class Quantise(Part, frozen=True):
     window: Annotated[
         tuple[float, float] | Literal["auto"],
         Key(
-            "These values become density 0 and 255. Auto keeps 8-bit data, and takes the range between the 0.05 and"
-            " 99.95\npercentiles of any other.",
+            "These values become density 0 and 255. Auto keeps 8-bit data, takes the whole range of labels, and\n"
+            "the range between the 0.05 and 99.95 percentiles of any other.",
             PartOf("density window"),
             allowed='[low, high] in the volume\'s own units, or "auto"',
         ),

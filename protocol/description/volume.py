@@ -171,7 +171,7 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     kind_from: str = ""  # what in the file states the kind; "" where nothing does
     bands: tuple[Band, ...] = ()  # what the values mean, where they are classes; they do not overlap
     up: Up | None = None  # the physical axis that points up, None where the file does not tell; superior of a patient
-    density_name: str = "density"  # what the packet's first byte holds
+    density_name: str = ""  # what the packet's first byte holds; by default "label" of labels, "density" of others
     strength_name: str = "gradient strength"  # what its second byte holds
     second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
     reads_sub_cubes: bool = True  # False: one server reads the whole file, and the others get theirs from it
@@ -186,6 +186,9 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             raise ValueError(f"a chunk needs at least one voxel on each axis, not {self.chunk}")
         if self.anatomical and self.up is None:
             msgspec.structs.force_setattr(self, "up", "+z")
+        if not self.density_name:
+            name = "label" if self.kind is Kind.LABELS else "density"
+            msgspec.structs.force_setattr(self, "density_name", name)
         if self.second_scalar is not None:
             low, high = self.second_scalar
             if not (low < high and math.isfinite(1.0 / (high - low)) and math.isfinite(high - low)):

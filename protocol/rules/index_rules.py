@@ -52,6 +52,7 @@ ROUGHNESS_COSINES = (
 AGREEMENTS = tuple(sum(cosines) / len(cosines) for cosines in ROUGHNESS_COSINES)
 
 HISTOGRAM_BINS = 65536
+EIGHT_BITS = {"uint8": (0.0, 255.0), "int8": (-128.0, 127.0)}
 STRENGTH_PERCENTILE = 0.995  # of the voxels that have a gradient; above it, strength is 255
 
 
@@ -128,14 +129,13 @@ def density_window(
 ) -> tuple[float, float]:
     """The one density window of a volume, where the scene does not set it.
 
-    8-bit data keeps its values (0..255, or -128..127). Classes, of which the rare ones count as well, have their full
-    range. Everything else is cut at its 0.05 and 99.95 percentiles, unless those meet, where the full range is taken.
-    A constant volume gets a window of width 1, or more where its value is so great that 1 would be lost.
+    8-bit data keeps its values (0..255, or -128..127), unless they are labels. Labels and other classes, of which the
+    rare ones count as well, have their full range. Everything else is cut at its 0.05 and 99.95 percentiles, unless
+    those meet, where the full range is taken. A constant volume gets a window of width 1, or more where its value is so
+    great that 1 would be lost.
     """
-    if scalar_type == "uint8":
-        return (0.0, 255.0)
-    if scalar_type == "int8":
-        return (-128.0, 127.0)
+    if scalar_type in EIGHT_BITS and kind is not Kind.LABELS:
+        return EIGHT_BITS[scalar_type]
     if survey.low > survey.high:
         return (0.0, 1.0)
     bin_width = (survey.high - survey.low) / len(counts)

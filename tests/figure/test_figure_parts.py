@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import msgspec
 import numpy as np
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from support.scenes.arbitrary import geometries, plain_scene, quaternions, zooms
 from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
-from volsplat.client.figure.colour_bars import colour_bars
+from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
 from volsplat.client.figure.drawing import Area, Ramp
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.layout import figure_extent, sized
@@ -30,7 +30,7 @@ from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Qu
 from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
 from volsplat.protocol.geometry import matrices
-from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.rules.resolved_view import screen_rotation
 from volsplat.protocol.text.errors import BadInput
 
@@ -167,6 +167,27 @@ def test_classes_have_a_legend_of_those_that_can_be_seen() -> None:
     assert not found.bars and found.legend == (("bone", (1.0, 0.0, 0.0)),)
     assert 0 < found.height(100, 10) < found.height(100, 20)
     assert colour_bars(scene, replace_counts(surveyed(labels), [0, 2])).legend == ()
+
+
+def test_labels_without_names_have_a_legend_of_numbers_or_a_bar_if_they_are_too_many() -> None:
+    few = surveyed_labels([0, 1, 4, 9])
+    found = colour_bars(few.default_scene(), few)
+    assert not found.bars and [name for name, _ in found.legend] == ["1", "4", "9"]
+    assert len({colour for _, colour in found.legend}) == 3
+    many = surveyed_labels(range(MOST_CLASSES + 2))
+    found = colour_bars(many.default_scene(), many)
+    assert not found.legend and [bar.axis.label for bar in found.bars] == ["label"]
+
+
+def surveyed_labels(values: Sequence[int]) -> SurveyedVolume:
+    """Of a file that names none of them."""
+    labels = VolumeDescription(name="atlas", format="NIfTI-1", geometry=GEOMETRY, scalar_type="uint8", kind=Kind.LABELS)
+    most = max(values)
+    counts = [0] * HISTOGRAM_BINS
+    for value in values:
+        counts[min(value * HISTOGRAM_BINS // most, HISTOGRAM_BINS - 1)] = 1000
+    survey = Survey(low=0.0, high=float(most), max_gradient=9.0, voxels=sum(counts), no_data=0)
+    return dataclasses.replace(surveyed(labels), survey=survey, density_counts=counts)
 
 
 @given(width=st.floats(2, 20), height=st.floats(5, 20), dpi=st.floats(100, 400), titled=st.booleans())

@@ -120,6 +120,8 @@ def test_window_leaves_out_the_rarest_values_on_both_sides() -> None:
 def test_window_holds_everything_where_few_values_occur() -> None:
     assert density_window(survey(7, 7), [5] + [0] * 9, "int16") == (7, 8)
     assert density_window(survey(0, 1000), [1, 0] + [99_999] * 996 + [0, 1], "int16", Kind.LABELS) == (0, 1000)
+    assert density_window(survey(0, 17), [9_999] + [0] * 8 + [1], "uint8", Kind.LABELS) == (0, 17)
+    assert density_window(survey(0, 17), [9_999] + [0] * 8 + [1], "uint8") == (0, 255)
     low, high = density_window(survey(0, 10), [5] + [0] * 8 + [5], "int16")
     assert low <= 0 and high >= 10
     assert density_window(survey(math.inf, -math.inf), [0] * 10, "float32") == (0, 1)
