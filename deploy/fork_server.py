@@ -29,8 +29,8 @@ LINE_BYTES = 1 << 16  # read at once
 
 class Start(msgspec.Struct, tag=True):
     program: Program
-    arguments: list[str]
-    environment: dict[str, str]
+    arguments: list[bytes]
+    environment: dict[bytes, bytes]
 
 
 class Signal(msgspec.Struct, tag=True):
@@ -126,8 +126,8 @@ class ForkServer:
 
 def _run(asked: Start) -> None:
     os.environ.clear()
-    os.environ.update(asked.environment)
-    sys.argv[1:] = asked.arguments
+    os.environb.update(asked.environment)
+    sys.argv[1:] = map(os.fsdecode, asked.arguments)
     runpy.run_module(asked.program.value, run_name="__main__", alter_sys=True)
 
 

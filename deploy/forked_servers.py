@@ -96,7 +96,8 @@ class ForkedServers:
             if self._gone:
                 raise OSError("the fork server is gone")
             self._asked.put(server)
-            self._say(Start(program, list(arguments), dict(environment)))
+            named = {os.fsencode(name): os.fsencode(value) for name, value in environment.items()}
+            self._say(Start(program, list(map(os.fsencode, arguments)), named))
         return server
 
     def send(self, process: int, number: int) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from volsplat.client.image.image_formats import check_picture_writable, check_writable
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.file_names import check_utf8
 
 
 def step_image_path(folder: Path, step: Step) -> Path:
@@ -54,6 +55,7 @@ def check_file_writable(option: str, path: Path) -> None:
 
 
 def _check_folder(folder: Path) -> None:
+    check_utf8(folder)
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise BadInput(f"{folder}: {there} is no folder that can be written; name another with --steps-dir")

@@ -26,6 +26,7 @@ from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.protocol.description.scene import Colour, Scene
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.file_names import check_utf8
 
 JPEG_QUALITY = 95
 
@@ -203,6 +204,7 @@ def _from_description(text: str) -> dict[str, str]:
 def _opened(path: Path) -> "oiio.ImageInput":
     if not path.is_file():
         raise BadInput(f"{path}: no such image file")
+    check_utf8(path)
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
         raise BadInput(f"{path}: cannot read the image: {_one_line(oiio.geterror())}")
@@ -211,7 +213,8 @@ def _opened(path: Path) -> "oiio.ImageInput":
 
 def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> None:
     """Write beside the target, then rename: whoever looks finds the old file or the new one."""
-    target = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    check_utf8(target)
     temporary = temporary_name(target)
     try:
         with _place_for_library(temporary) as place:

@@ -7,6 +7,7 @@ from typing import Literal
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.file_names import check_utf8
 
 Depth = Literal["uint8", "uint16", "float"]
 
@@ -32,6 +33,7 @@ def check_writable(path: Path) -> None:
         raise BadInput(
             f"{path}: cannot write this kind of image; end the name in one of {', '.join([*DEPTHS, *VECTOR_FORMATS])}"
         )
+    check_utf8(path)
     check_place(path)
 
 

@@ -95,7 +95,7 @@ def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) ->
         header=_digest([f"{dims} {description.scalar_type}".encode(), *first]),
         contents=_digest(blocks),
         times=_digest([f"{state.size} {state.changed}".encode() for state in states]),
-        place=_digest([part.encode() for part in lies_at]),
+        place=_digest([os.fsencode(part) for part in lies_at]),
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.file_names import check_utf8
 
 
 class VolumeName(NamedTuple):
@@ -26,7 +27,8 @@ class VolumeName(NamedTuple):
 
 
 def volume_name(text: str) -> VolumeName:
-    """What `text` names. A file whose own name has a `#` is taken whole."""
+    """What `text` names. A file whose own name has a `#` is taken whole. Raises BadInput for what is not UTF-8."""
+    check_utf8(text)
     place, _, part = text.partition("#")
     if "://" not in text and part and not Path(place).exists() and Path(text).exists():
         return VolumeName(text, "")
@@ -34,9 +36,13 @@ def volume_name(text: str) -> VolumeName:
 
 
 def absolute_name(text: str) -> str:
-    """The name as another process of this machine, in another folder, must be told it."""
+    """The name as another process of this machine, in another folder, must be told it. Raises BadInput likewise."""
     name = volume_name(text)
-    return text if name.is_url else str(name._replace(place=str(Path(name.place).absolute())))
+    if name.is_url:
+        return text
+    absolute = str(name._replace(place=str(Path(name.place).absolute())))
+    check_utf8(absolute)
+    return absolute
 
 
 def check_is_there(text: str) -> None:

@@ -1,0 +1,56 @@
+"""Names of bytes that are not UTF-8, as old disks have them: refused in one line, and no harm beside or above."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from support.programs.programs import Person
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+
+LATIN = os.fsdecode(b"b\xfcd")
+COMMANDS = {
+    "render": ["render", f"{LATIN}.nrrd", "-o", "head.png"],
+    "render --single": ["render", f"{LATIN}.nrrd", "-o", "head.png", "--single"],
+    "image": ["render", "head.nrrd", "-o", f"{LATIN}.png"],
+    "steps": ["render", "head.nrrd", "--steps-dir", LATIN],
+    "scene from an image": ["scene", f"{LATIN}.png"],
+    "export": ["export", f"{LATIN}.nrrd", "-o", "head.ply"],
+    "prepare": ["prepare", f"{LATIN}.nrrd", "head.zarr"],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two names of one volume, of an image that nobody reads so far, and a folder with the volume."""
+    folder = tmp_path_factory.mktemp("names")
+    write_volume(folder / "head.nrrd", *make_phantom("head", size=(16, 20, 18)))
+    (folder / LATIN).mkdir()
+    for link in (f"{LATIN}.nrrd", f"{LATIN}/head.nrrd"):
+        os.link(folder / "head.nrrd", folder / link)
+    (folder / f"{LATIN}.png").write_bytes(b"\x89PNG")
+    return folder
+
+
+@pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
+def test_a_name_that_is_not_utf8_is_refused_in_one_line(folder: Path, words: list[str]) -> None:
+    before = sorted(os.listdir(os.fsencode(folder)))
+    done = Person(folder).runs(*words)
+    assert done.returncode == 2, done.stderr
+    assert "this name is not UTF-8; rename it, or link to it by another name" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert sorted(os.listdir(os.fsencode(folder))) == before
+
+
+def test_such_a_folder_is_worked_in_by_a_link_to_it(folder: Path) -> None:
+    (folder / "link").symlink_to(LATIN)
+    done = Person(folder).runs("render", "link/head.nrrd", "-o", "link/head.tif", "--size", "32")
+    assert done.returncode == 0, done.stderr
+    assert (folder / LATIN / "head.tif").is_file()
+
+
+def test_servers_start_whatever_bytes_the_environment_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PWD", str(folder / LATIN))
+    done = Person(folder).runs("render", "head.nrrd", "-o", "head.png", "--size", "32")
+    assert done.returncode == 0, done.stderr
