@@ -14,7 +14,7 @@ from support.files.images import read_image
 from support.files.reflection_files import mtz
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
-from support.programs.programs import VOLSPLAT, Person
+from support.programs.programs import VOLSPLAT, Person, is_under_way
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import PHANTOMS, make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -276,11 +276,6 @@ def test_a_server_without_a_client_ends_with_one_line(person: Person) -> None:
     assert done.returncode == 1 and "nobody listens" in one_line(done)
 
 
-def loads(client: "subprocess.Popen[str]") -> bool:
-    """Whether the command is under way: before, Python itself would answer to a signal."""
-    return client.poll() is not None or "msgspec" in Path(f"/proc/{client.pid}/maps").read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize("after", [0.0, 0.3, 0.6, 1.0, 1.4, 1.8, 2.4])
 def test_ctrl_c_at_any_moment_leaves_no_process_and_no_half_image(person: Person, after: float) -> None:
     volume = person.folder / "shells.nrrd"
@@ -288,7 +283,7 @@ def test_ctrl_c_at_any_moment_leaves_no_process_and_no_half_image(person: Person
     steps = ["--size", "1500x1500", "--steps-dir", "steps"]
     client = person.starts("render", str(volume), "-o", "a.png", "--workers", "2", *steps)
     interrupted = False
-    wait_until(lambda: loads(client), "under way")
+    wait_until(lambda: is_under_way(client), "under way")
     try:
         client.wait(after)
     except subprocess.TimeoutExpired:

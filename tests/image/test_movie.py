@@ -20,7 +20,7 @@ from support.files.images import over_background, read_image
 from support.files.prepared import prepare_small
 from support.files.small_disks import small_disk
 from support.patience import PATIENCE, wait_until
-from support.programs.programs import Person
+from support.programs.programs import Person, is_under_way
 from support.scenes.arbitrary import plain_scene
 from tolerances import HALF_A_LEVEL, VIDEO_LEVELS
 from volsplat.client.image.image_file import read_scene
@@ -402,10 +402,11 @@ def test_a_full_disk_is_one_line_and_status_2_and_leaves_nothing(head: Path, sma
 
 
 @kinds
-@pytest.mark.parametrize("after", [0.3, 1.0, 1.7, 2.4])
+@pytest.mark.parametrize("after", [0.1, 0.8, 1.5, 2.2])
 def test_ctrl_c_at_any_moment_leaves_nothing(person: Person, head: Path, kind: str, after: float) -> None:
     options = ["--frames", "3000", "--size", "300x300", "--workers", "2"]
     client = person.starts("movie", str(head), "-o", str(target(person.folder, kind)), *options)
+    wait_until(lambda: is_under_way(client), "under way")
     with pytest.raises(subprocess.TimeoutExpired):
         client.wait(after)
     ffmpegs = [child for child in psutil.Process(client.pid).children() if child.name() == "ffmpeg"]

@@ -113,6 +113,11 @@ class Person:
         return found
 
 
+def is_under_way(command: "subprocess.Popen[str]") -> bool:
+    """Whether what `Person.starts` has started has begun: before, Python itself would answer to a signal."""
+    return command.poll() is not None or "msgspec" in Path(f"/proc/{command.pid}/maps").read_text(encoding="utf-8")
+
+
 def _command(words: list[str], folder: Path, environment: dict[str, str], said: list[Path]) -> NoReturn:
     for number, path in enumerate(said, start=1):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
