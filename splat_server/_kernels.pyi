@@ -52,13 +52,30 @@ class BatchMemory:
         self, payload: object, parts: Sequence[tuple[int, int]], budget: ReadBudget, shared: bool = False
     ) -> None: ...
 
+class SlabSeconds:
+    """In which slabs were drawn: voxels' kernels added, sums brought to densities, these shaded, slabs laid together.
+
+    The last two take turns too short for a clock: their sum is measured, and what is whose told by some of the tiles.
+    """
+
+    @property
+    def adding(self) -> float: ...
+    @property
+    def densities(self) -> float: ...
+    @property
+    def shading(self) -> float: ...
+    @property
+    def compositing(self) -> float: ...
+
 class OwnerSeconds:
-    """In which an owner merged, splatted and walked."""
+    """In which an owner merged, splatted (frames of slabs: in `slabs`, and publishing) and walked."""
 
     @property
     def merge(self) -> float: ...
     @property
     def splat(self) -> float: ...
+    @property
+    def slabs(self) -> SlabSeconds: ...
     @property
     def walk(self) -> float: ...
 

@@ -159,4 +159,9 @@ class FrameAssembly:
             work=[packets * self.pixels_per_packet for packets in self.splat.work[self.rows_of_tiles]],
             peak_memory_bytes=peak_memory(),
             machine=this_machine(),
+            slabs=None if self.plan.slabs is None else _slab_stages(slowest.slabs),
         )
+
+
+def _slab_stages(seconds: _kernels.SlabSeconds) -> messages.SlabStages:
+    return messages.SlabStages(seconds.adding, seconds.densities, seconds.shading, seconds.compositing)

@@ -16,7 +16,7 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
-from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.messages.messages import MapShadeStats, SlabStages, SplatStats
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 # Seconds for the steps A to F, from the paper's "Timing Tests": a CT of 96 x 128 x 113 voxels.
@@ -37,6 +37,9 @@ STEP_WORDS = {
     Step.F: "specular",
     Step.G: "slabs",
 }
+
+SLAB_STAGES = ("adding", "densities", "shading", "compositing", "publishing")
+"""What splatting is in step G."""
 
 
 class VolumeFacts(msgspec.Struct, frozen=True):
@@ -67,6 +70,7 @@ class StepReport(msgspec.Struct, frozen=True):
     planning_seconds: float  # of the slowest splat server, as the three that follow
     merge_seconds: float
     splat_seconds: float
+    slabs: SlabStages | None  # what these went into, in step G
     splat_waiting_seconds: float  # with nothing to splat
     messages_seconds: float  # what is left: of asking for the frame, and of messages on their way
     image_seconds: float  # until the finished image was here
@@ -140,6 +144,7 @@ def step_table(report: FrameReport) -> Table:
         "  map/shade": lambda s: f"{s.map_shade_seconds_slowest:.3f}",
         "  merge": lambda s: f"{s.merge_seconds:.3f}",
         "  splat": lambda s: f"{s.splat_seconds:.3f}",
+        **(_slab_rows() if any(step.slabs for step in report.steps) else {}),
         "  splat waits": lambda s: f"{s.splat_waiting_seconds:.3f}",
         "  planning": lambda s: f"{s.planning_seconds:.3f}",
         "  messages": lambda s: f"{s.messages_seconds:.3f}",
@@ -158,6 +163,22 @@ def step_table(report: FrameReport) -> Table:
     for machine, seconds in PAPER_SECONDS.items():
         table.add_row(f"1989: {machine}", *map(str, seconds))
     return table
+
+
+def slab_stages(splat: SplatStats | StepReport) -> list[tuple[str, float]]:
+    """The stages of a frame of slabs that its splatting went into, and their seconds; of other frames none."""
+    if splat.slabs is None:
+        return []
+    seconds = msgspec.structs.astuple(splat.slabs)
+    rest = max(0.0, splat.splat_seconds - sum(seconds))
+    return list(zip(SLAB_STAGES, (*seconds, rest), strict=True))
+
+
+def _slab_rows() -> dict[str, Callable[[StepReport], str]]:
+    def row(stage: str) -> Callable[[StepReport], str]:
+        return lambda step: next((f"{seconds:.3f}" for name, seconds in slab_stages(step) if name == stage), "")
+
+    return {f"   {stage}": row(stage) for stage in SLAB_STAGES}
 
 
 def _step_report(outcome: StepOutcome) -> StepReport:
@@ -182,6 +203,7 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         planning_seconds=splat.planning_seconds,
         merge_seconds=splat.merge_seconds,
         splat_seconds=splat.splat_seconds,
+        slabs=splat.slabs,
         splat_waiting_seconds=splat.waiting_seconds,
         messages_seconds=_messages_seconds(outcome),
         image_seconds=outcome.image_seconds,

@@ -82,6 +82,20 @@ class MapShadeStats(Detail, frozen=True):
     links: Annotated[dict[ServerId, LinkStats], Meta(max_length=MAX_SERVERS)] = {}  # by splat server
 
 
+class SlabStages(Detail, frozen=True):
+    """What the splatting of a frame of slabs went into; what is left of it went into publishing.
+
+    `adding_seconds`: voxels' kernels were added to planes; `density_seconds`: their sums were brought to densities;
+    `shading_seconds`: these were classified, with gradients and light; `compositing_seconds`: slabs were laid behind
+    each other until pixels were opaque. The last two are measured together, and told apart by some of the tiles.
+    """
+
+    adding_seconds: Seconds
+    density_seconds: Seconds
+    shading_seconds: Seconds
+    compositing_seconds: Seconds
+
+
 class SplatStats(Detail, frozen=True):
     """What a frame cost the splat server.
 
@@ -90,7 +104,7 @@ class SplatStats(Detail, frozen=True):
     `held_back_seconds` tells for each worker how long its connection was not read because its buffers were full.
     `decoding_seconds` went, in threads of their own, into batches that came coded.
     `hidden_packets` came, but were left out as hidden. `work` counts the splatted pixels of each row of tiles of its
-    regions' lines: the next frame's regions are cut by it.
+    regions' lines: the next frame's regions are cut by it. `slabs` is told of frames of slabs.
     """
 
     packets: Count
@@ -107,6 +121,7 @@ class SplatStats(Detail, frozen=True):
     work: Annotated[list[Count], Meta(max_length=LARGEST_EXTENT // TILE_SIDE + 1)]
     peak_memory_bytes: Count
     machine: Machine
+    slabs: SlabStages | None = None
 
 
 class FrameMapped(Message, frozen=True):

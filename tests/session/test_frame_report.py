@@ -17,7 +17,7 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
-from volsplat.protocol.messages.messages import ImageRead, LinkStats, MapShadeStats, RawPixels, SplatStats
+from volsplat.protocol.messages.messages import ImageRead, LinkStats, MapShadeStats, RawPixels, SlabStages, SplatStats
 from volsplat.protocol.rules.index_rules import Survey
 from volsplat.protocol.text.errors import BadInput
 
@@ -66,6 +66,7 @@ def outcome(step: Step) -> StepOutcome:
         work=[],
         peak_memory_bytes=40_000_000,
         machine=this_machine(),
+        slabs=SlabStages(0.25, 0.125, 0.1875, 0.0625) if step == Step.G else None,
     )
     servers = FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, {1: splat})
     image = ImageRead(7, step, True, 0, 0, 4, 2, RawPixels())
@@ -100,6 +101,17 @@ def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
     step = report(Step.F).steps[0]
     assert step.messages_seconds == 0.125
     assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.03125 + 0.125 + 0.25) / 1.5
+
+
+def test_splatting_is_told_stage_by_stage_in_step_g_alone() -> None:
+    f, g = report(Step.F, Step.G).steps
+    assert (f.slabs, g.slabs) == (None, SlabStages(0.25, 0.125, 0.1875, 0.0625))
+    names, *columns = (list(column.cells) for column in step_table(report(Step.F, Step.G)).columns)
+    in_f, in_g = (dict(zip(names, column, strict=True)) for column in columns[-2:])
+    stages = ["   adding", "   densities", "   shading", "   compositing", "   publishing"]
+    assert [in_g[stage] for stage in stages] == ["0.250", "0.125", "0.188", "0.062", "0.125"]
+    assert [in_f[stage] for stage in stages] == [""] * 5 and in_f["  splat"] == in_g["  splat"] == "0.750"
+    assert not set(stages) & set(step_table(report(Step.F)).columns[0].cells)
 
 
 def test_every_process_tells_its_peak_memory() -> None:

@@ -15,8 +15,10 @@ from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
 from support.patience import wait_until
 from support.programs.server_processes import is_server
+from tolerances import ROUNDING
 from volsplat.client import Session
 from volsplat.client.session.asked_frames import FrameGivenUp
+from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Step
 from volsplat.protocol.messages import messages
@@ -49,6 +51,18 @@ def test_every_step_is_the_same_distributed_and_single(
     assert image.shape == (80, 96, 4) and image.dtype == torch.float32
     assert image[..., 3].max() > 0
     assert torch.equal(image, single.render(scene, step))
+
+
+def test_step_g_tells_what_its_splatting_went_into(session: Session, single: SingleProcess) -> None:
+    renderers: list[Session | SingleProcess] = [session, single]
+    for renderer in renderers:
+        *_, f, g = (drawn for drawn in renderer.refine(skin(renderer), Step.G) if drawn.outcome is not None)
+        report = report_of(renderer.volume, skin(renderer), [one.outcome for one in (f, g) if one.outcome])
+        assert report.steps[0].slabs is None
+        told = report.steps[1]
+        assert told.slabs is not None
+        stages = msgspec.structs.astuple(told.slabs)
+        assert min(stages) > 0 and sum(stages) <= told.splat_seconds * (1 + ROUNDING)
 
 
 def test_shadows_and_occlusion_are_the_same_distributed_and_single(session: Session, single: SingleProcess) -> None:

@@ -3,6 +3,7 @@
 import math
 from xml.etree import ElementTree
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,17 +14,19 @@ from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.panels.frame_timeline import (
     MOST_TICKS,
     STAGES,
+    STAGES_OF_SLABS,
     Lane,
     axis_seconds,
     lanes_of,
     stage_class,
     stages_of,
+    stages_shown,
     ticks,
     timeline_svg,
 )
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.messages.messages import MapShadeStats, SlabStages, SplatStats
 
 seconds = st.just(0.0) | st.floats(1e-9, 1e5)
 counts = st.integers(0, 2**40)
@@ -57,6 +60,7 @@ splat_stats = st.builds(
     decoding_seconds=seconds,
     peak_memory_bytes=counts,
     machine=st.just(this_machine()),
+    slabs=st.none() | st.builds(SlabStages, *[seconds] * 4),
 )
 outcomes = st.builds(
     StepOutcome,
@@ -83,7 +87,7 @@ def test_each_server_has_a_lane_with_its_stages_in_turn(outcome: StepOutcome) ->
     for lane in lanes:
         at = 0.0
         for bar in lane.bars:
-            assert bar.stage in STAGES and at <= bar.begin < bar.end
+            assert bar.stage in stages_shown(outcome) + STAGES and at <= bar.begin < bar.end
             at = bar.end
 
 
@@ -103,6 +107,17 @@ def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
     return FrameOutcome({7: stats}, {8: nothing}) if isinstance(stats, MapShadeStats) else FrameOutcome({}, {8: stats})
 
 
+def test_splatting_is_one_stage_but_in_step_g() -> None:
+    plain = SplatStats(0, 0, 0, 4.0, 0.5, 0.25, 3.0, 0.25, 0.0, {}, 0.0, [], 0, this_machine())
+    slabs = msgspec.structs.replace(plain, slabs=SlabStages(1.0, 0.5, 0.75, 0.25))
+    assert dict(stages_of(plain))["splat"] == 3.0
+    assert stages_shown(StepOutcome(Step.F, 4.0, 0.0, _servers(plain))) == stages_shown(None) == STAGES
+    assert stages_shown(StepOutcome(Step.G, 4.0, 0.0, _servers(slabs))) == STAGES_OF_SLABS
+    found = dict(stages_of(slabs))
+    parts = ("adding", "densities", "shading", "compositing", "publishing")
+    assert [found[part] for part in parts] == [1.0, 0.5, 0.75, 0.25, 0.5] and "splat" not in found
+
+
 @given(outcomes, names)
 def test_every_bar_lies_on_the_axis_and_nothing_is_nan(outcome: StepOutcome, names: dict[int, str]) -> None:
     lanes = lanes_of(outcome, names)
@@ -114,7 +129,7 @@ def test_every_bar_lies_on_the_axis_and_nothing_is_nan(outcome: StepOutcome, nam
         x, width = (float(bar.attrib[name].removesuffix("%")) for name in ("x", "width"))
         assert math.isfinite(x) and math.isfinite(width)
         assert x >= 0 and width >= 0 and x + width <= 100.0002  # four digits each
-        assert bar.attrib["class"] in {stage_class(stage) for stage in STAGES}
+        assert bar.attrib["class"] in {stage_class(stage) for stage in stages_shown(outcome) + STAGES}
     assert [element.text or "" for element in root.findall("text")] == [lane.name for lane in lanes]
 
 

@@ -606,6 +606,16 @@ def test_the_servers_panel_tells_who_did_what_and_nothing_while_closed(tab: Tab)
     assert tab.page.locator(".vs-timeline > text").count() == 3
     assert tab.page.locator(".vs-timeline rect").count() >= 3
     assert "bottleneck: " in tab.page.locator(".vs-frame-said").inner_text()
+    heads = tab.page.locator(".vs-servers-table").first.locator("th")
+    assert "splat, ms" in heads.all_inner_texts()
+    tab.button("refine to G", "refinement").click()
+    tab.page.get_by_text("last frame: step G").wait_for()
+    stages = ["adding", "densities", "shading", "compositing", "publishing"]
+    columns = [heads.all_inner_texts().index(f"{stage}, ms") for stage in stages]
+    (splat,) = (row.locator("td").all_inner_texts() for row in rows.all() if "splat" in row.inner_text())
+    assert all(float(splat[column]) >= 0 for column in columns) and float(splat[columns[0]]) > 0
+    assert "splat, ms" not in heads.all_inner_texts()
+    assert set(stages) < set(tab.page.locator(".vs-legend span").all_inner_texts())
 
 
 def test_a_lost_server_is_told_in_words(browser: Browser, volume: Path) -> None:

@@ -11,11 +11,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 
+from volsplat.client.session.frame_report import SLAB_STAGES, slab_stages
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
 
 STAGES = ("planning", "map/shade", "merge", "splat", "sending", "waiting")
 """All that a bar can be, in the legend's order; CSS classes are vs-stage-… of these, "/" left out."""
+
+STAGES_OF_SLABS = tuple(one for stage in STAGES for one in (SLAB_STAGES if stage == "splat" else (stage,)))
+"""Likewise in step G, whose splatting has stages of its own."""
 
 LANE_HEIGHT = 1.6  # times the font's size, as all that follow
 BAR_HEIGHT = 1.0
@@ -28,7 +32,7 @@ LEAST_SECONDS = 1e-6  # of an axis, so that it has a scale
 
 @dataclass(frozen=True)
 class Bar:
-    stage: str  # one of STAGES
+    stage: str  # one of stages_shown
     begin: float  # seconds from the frame's beginning
     end: float
 
@@ -70,9 +74,15 @@ def stages_of(stats: MapShadeStats | SplatStats) -> list[tuple[str, float]]:
         ("planning", stats.planning_seconds),
         ("waiting", stats.waiting_seconds),
         ("merge", stats.merge_seconds),
-        ("splat", stats.splat_seconds),
+        *(slab_stages(stats) or [("splat", stats.splat_seconds)]),
         ("sending", stats.answering_seconds),
     ]
+
+
+def stages_shown(outcome: StepOutcome | None) -> tuple[str, ...]:
+    """Those of a frame, in the legend's order."""
+    slabs = outcome is not None and any(stats.slabs is not None for stats in outcome.servers.splat.values())
+    return STAGES_OF_SLABS if slabs else STAGES
 
 
 def _in_turn(stages: list[tuple[str, float]]) -> tuple[Bar, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 from nicegui import context, ui
@@ -13,7 +13,14 @@ from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.controls.controls import panel_style
 from volsplat.client.ui.controls.throttle import Throttle
-from volsplat.client.ui.panels.frame_timeline import STAGES, lanes_of, stage_class, stages_of, time_text, timeline_svg
+from volsplat.client.ui.panels.frame_timeline import (
+    lanes_of,
+    stage_class,
+    stages_of,
+    stages_shown,
+    time_text,
+    timeline_svg,
+)
 from volsplat.client.ui.panels.links_table import links_table, losses_words
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
@@ -23,18 +30,8 @@ from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
 from volsplat.protocol.messages.roles import Role
 
 INTERVAL = 0.25  # seconds between updates
-HEADS = (
-    "server",
-    "host",
-    "sub-cube",
-    "voxels",
-    "threads",
-    "visible packets",
-    *(f"{name}, ms" for name in STAGES),
-    "MB/s",
-    "peak MB",
-    "state",
-)
+HEADS = ("server", "host", "sub-cube", "voxels", "threads", "visible packets")
+HEADS_AFTER_STAGES = ("MB/s", "peak MB", "state")
 
 ROLE_WORDS = {Role.MAPSHADE_SERVER: "map/shade", Role.SPLAT_SERVER: "splat server"}
 
@@ -51,7 +48,7 @@ def servers_panel(viewing: Viewing) -> None:
         links = ui.html(sanitize=False).classes("vs-servers-table vs-links-table")
         with ui.element("div").classes("vs-frame-head"):
             said = ui.label().classes("vs-frame-said")
-            _legend()
+            legend = ui.html(legend_keys(stages_shown(None)), sanitize=False).classes("vs-legend")
         timeline = ui.html(sanitize=False).classes("vs-frame-lanes")
     finished: list[Picture] = []  # the newest whose step is finished
 
@@ -68,6 +65,7 @@ def servers_panel(viewing: Viewing) -> None:
         table.set_content(servers_table(servers, outcome, _drawing(viewing)))
         losses.set_text(losses_words(viewing.session.counts.sums()))
         if outcome is not None:
+            legend.set_content(legend_keys(stages_shown(outcome)))
             links.set_content(links_table(outcome))
             names = {server.id: server_name(server) for server in servers}
             timeline.set_content(timeline_svg(lanes_of(outcome, names), outcome.wall_seconds))
@@ -108,11 +106,9 @@ def _drawing(viewing: Viewing) -> bool:
     return running is not None and viewing.loop.drawing
 
 
-def _legend() -> None:
-    with ui.element("div").classes("vs-legend"):
-        for stage in STAGES:
-            ui.element("span").classes(f"vs-key {stage_class(stage)}")
-            ui.label(stage)
+def legend_keys(stages: Iterable[str]) -> str:
+    """In HTML, what the colours of the time line mean."""
+    return "".join(f'<span class="vs-key {stage_class(stage)}"></span><span>{escape(stage)}</span>' for stage in stages)
 
 
 def frame_words(viewing: Viewing, picture: Picture, outcome: StepOutcome) -> str:
@@ -129,29 +125,31 @@ def server_name(server: ServerState) -> str:
 
 def servers_table(servers: list[ServerState], outcome: StepOutcome | None, drawing: bool) -> str:
     """A table in HTML, a row for each server."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in HEADS)
-    rows = "".join(_row(server, outcome, drawing) for server in servers)
+    stages = stages_shown(outcome)
+    heads = (*HEADS, *(f"{stage}, ms" for stage in stages), *HEADS_AFTER_STAGES)
+    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
+    rows = "".join(_row(server, outcome, stages, drawing) for server in servers)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
-def _row(server: ServerState, outcome: StepOutcome | None, drawing: bool) -> str:
+def _row(server: ServerState, outcome: StepOutcome | None, stages: Sequence[str], drawing: bool) -> str:
     cells = [server_name(server), _host(server, outcome), "; ".join(box_text(box) for box in server.boxes)]
     cells += [f"{server.voxels:,}" if server.boxes else "", str(server.threads or "")]
-    cells += _figures(server, outcome) or [""] * (3 + len(STAGES))
+    cells += _figures(server, outcome, stages) or [""] * (3 + len(stages))
     state = f"lost: {server.cause}" if server.lost else "drawing" if drawing else "idle"
     kind = "lost" if server.lost else state
     data = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr class="vs-server-{kind}">{data}<td title="{escape(state)}">{escape(state)}</td></tr>'
 
 
-def _figures(server: ServerState, outcome: StepOutcome | None) -> list[str]:
+def _figures(server: ServerState, outcome: StepOutcome | None, stages: Sequence[str]) -> list[str]:
     """Packets, milliseconds of each stage and megabytes a second of the frame, or nothing if it took no part."""
     servers = _all_stats(server, outcome)
     stats = servers.get(server.id)
     if outcome is None or stats is None or server.lost:
         return []
     seconds = dict(stages_of(stats))
-    times = [f"{1000 * seconds[stage]:.1f}" if stage in seconds else "" for stage in STAGES]
+    times = [f"{1000 * seconds[stage]:.1f}" if stage in seconds else "" for stage in stages]
     share = stats.packets / (sum(one.packets for one in servers.values()) or 1)
     rate = f"{stats.bytes / 1e6 / max(outcome.wall_seconds, 1e-9):,.1f}"
     return [f"{stats.packets:,} ({share:.0%})", *times, rate, f"{stats.peak_memory_bytes / 1e6:,.0f}"]

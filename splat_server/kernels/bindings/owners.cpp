@@ -260,9 +260,15 @@ void bind_owners(nb::module_& m) {
                std::shared_ptr<ReadBudget> budget,
                bool shared) { new (self) PythonBatch(batch_of(std::move(payload), parts, std::move(budget), shared)); },
             "payload"_a, "parts"_a, "budget"_a, "shared"_a = false);
+    nb::class_<SlabSeconds>(m, "SlabSeconds")
+        .def_ro("adding", &SlabSeconds::adding)
+        .def_ro("densities", &SlabSeconds::densities)
+        .def_ro("shading", &SlabSeconds::shading)
+        .def_ro("compositing", &SlabSeconds::compositing);
     nb::class_<OwnerSeconds>(m, "OwnerSeconds")
         .def_ro("merge", &OwnerSeconds::merge)
         .def_ro("splat", &OwnerSeconds::splat)
+        .def_ro("slabs", &OwnerSeconds::slabs)
         .def_ro("walk", &OwnerSeconds::walk);
     nb::class_<Walked>(m, "Walked")
         .def_ro("steps", &Walked::steps)

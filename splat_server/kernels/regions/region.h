@@ -23,6 +23,7 @@ struct EdgeLayers {  // none, or both
 
 struct OwnerSeconds {
     double merge = 0, splat = 0, walk = 0;
+    SlabSeconds slabs;  // of splat, in frames of slabs
 };
 
 struct Stage {
@@ -92,6 +93,8 @@ public:
     // For its owner, once it is complete: from then on it stands in the block, and its lines are empty.
     void publish(const PixelBlock& target);
     bool published() const { return published_.load(); }
+    // For its owner, once it is published.
+    SlabSeconds slab_seconds() const { return planes_ ? planes_->seconds() : SlabSeconds{}; }
     // All that lies before this place of the traversal has been splatted.
     Place reached() const { return reached_.load(); }
 

@@ -59,6 +59,7 @@ void SlabPlanes::make_room() {
 }
 
 std::uint64_t SlabPlanes::add(const SpanView* spans, std::size_t count) {
+    clock_.start();
     make_room();
     std::uint64_t hidden = 0;
     for (const SpanView* span = spans; span != spans + count; ++span) {
@@ -78,6 +79,7 @@ std::uint64_t SlabPlanes::add(const SpanView* spans, std::size_t count) {
             begin = end;
         }
     }
+    clock_.lap(seconds_.adding);
     return hidden;
 }
 
@@ -87,6 +89,7 @@ std::uint64_t SlabPlanes::add_runs(const SpanView& span, std::uint64_t begin, st
     if (group < next_block_ || group >= groups_) return 0;  // no voxel's of this frame
     if (group != group_) {
         add_group();
+        clock_.lap(seconds_.adding);
         shade_before(group);
         group_ = group;
     }
@@ -116,7 +119,9 @@ void SlabPlanes::add_group() {
 
 void SlabPlanes::finish() {
     if (!memory_) return;
+    clock_.start();
     add_group();
+    clock_.lap(seconds_.adding);
     shade_before((frame_.planes - 1 + frame_.lead) / kBlockPlanes + 1);
 }
 
@@ -127,14 +132,25 @@ void SlabPlanes::shade_before(std::int64_t block) {
 void SlabPlanes::shade(std::int64_t block) {
     const std::size_t tiles = last_touched_.size();
     each_tile(touched_.data(), [&](int row, int tile) { find_densities(row, tile); });
+    clock_.lap(seconds_.densities);
     // The first slab begins on the last plane of the block before
     for (std::size_t n = 0; n < tiles; ++n) last_touched_[n] |= touched_[n];
     each_tile(last_touched_.data(), [&](int row, int tile) { shade_tile(block, row, tile); });
+    clock_.lap(seconds_.shading);
     for (std::size_t n = tiles; n < touched_.size(); ++n) last_touched_[n % tiles] |= touched_[n];
     each_tile(last_touched_.data(), [&](int row, int tile) { move_on(row, tile); });
     std::copy_n(touched_.begin(), tiles, last_touched_.begin());
     std::copy(touched_.begin() + tiles, touched_.end(), touched_.begin());
     std::fill(touched_.end() - tiles, touched_.end(), 0);
+    clock_.lap(seconds_.densities);
+}
+
+SlabSeconds SlabPlanes::seconds() const {
+    SlabSeconds found = seconds_;
+    const double sampled = shading_sampled_ + compositing_sampled_;
+    found.compositing = sampled > 0 ? seconds_.shading * (compositing_sampled_ / sampled) : 0;
+    found.shading -= found.compositing;
+    return found;
 }
 
 template <class Do>
@@ -160,10 +176,15 @@ SlabPlanes::TileArea SlabPlanes::area_of(int row, int tile) const {
 void SlabPlanes::shade_tile(std::int64_t block, int row, int tile) {
     const TileArea area = area_of(row, tile);
     ShownPixels shown;
-    if (area.left >= area.right || !find_shown(block, area, shown)) return;
+    if (area.left >= area.right) return;
+    tile_clock_.start();
+    const bool any = find_shown(block, area, shown);
+    tile_clock_.lap(shading_sampled_);
+    if (!any) return;
     for (int slab = 0; slab < kBlockPlanes; ++slab)
         if (shown.counts[slab] > 0) shade_slab(block, slab, area, shown);
     note_closed(area);
+    tile_clock_.lap(compositing_sampled_);
 }
 
 // False if none are.
@@ -226,6 +247,7 @@ void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, 
         }
     }
     splat_kernels().find_slab_colours(frame_.shading->view(), samples_);
+    tile_clock_.lap(shading_sampled_);
     for (int n = 0; n < samples_.count; ++n) {
         float* const pixel = open[n];
         float& alpha = pixel[3 * image_.plane];
@@ -234,6 +256,7 @@ void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, 
         for (int channel = 0; channel < 3; ++channel) pixel[channel * image_.plane] += visible * found[channel];
         alpha += visible;
     }
+    tile_clock_.lap(compositing_sampled_);
 }
 
 // Others read the map meanwhile; only the region's owner writes to its rows.

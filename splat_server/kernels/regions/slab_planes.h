@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kernels/large_memory.h"
+#include "slab_seconds.h"
 #include "splat_server/kernels/slab_shading.h"
 #include "splat_server/kernels/slab_sums.h"
 #include "splat_server/kernels/slab_table.h"
@@ -30,6 +31,8 @@ public:
     std::uint64_t add(const SpanView* spans, std::size_t count);
     // Nothing comes any more: shades what is left.
     void finish();
+    // So far.
+    SlabSeconds seconds() const;
 
 private:
     struct TileArea {
@@ -83,6 +86,10 @@ private:
     std::vector<std::uint8_t> last_touched_;
     std::int64_t next_block_ = 0;
     SlabSamples samples_;
+    LapClock clock_;
+    SlabSeconds seconds_;  // shading and compositing, which take turns, as one
+    SampledClock tile_clock_;
+    double shading_sampled_ = 0, compositing_sampled_ = 0;
 };
 
 }  // namespace volsplat

@@ -122,6 +122,7 @@ void SplatFrame::publish(Region& region, int owner) {
         const Stopwatch watch(records_[owner], kSplatting);
         region.publish(block_);
     }
+    records_[owner].seconds.slabs += region.slab_seconds();
     if (--unfinished_ == 0) bells_.news->ring();
     else tell_if_all_wait();
 }

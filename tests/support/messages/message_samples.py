@@ -74,8 +74,9 @@ REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 MACHINE = Machine("node-1", "Linux", "a processor", 8)
 LINK_STATS = messages.LinkStats(2000, 900, 0.375, 0.25)
+SLAB_STAGES = messages.SlabStages(0.75, 0.25, 0.375, 0.0625)
 SPLAT_STATS = messages.SplatStats(
-    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 0.25, [5, 0, 7], 1 << 30, MACHINE
+    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 0.25, [5, 0, 7], 1 << 30, MACHINE, SLAB_STAGES
 )
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
@@ -259,6 +260,7 @@ _splat_stats = st.builds(
     st.lists(counts, max_size=4),
     counts,
     _machines,
+    st.none() | st.builds(messages.SlabStages, *[seconds] * 4),
 )
 _spans = st.tuples(lines, lines, st.floats(-1e9, 1e9), seconds).map(
     lambda drawn: messages.Span(*drawn[:3], drawn[2] + drawn[3])
