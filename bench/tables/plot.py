@@ -19,6 +19,8 @@ Points = Sequence[tuple[float | str, float]]  # x as a number or a name, y
 INCHES = (6.0, 4.2)  # of a panel
 COLUMNS = 2
 DOTS_PER_INCH = 110
+MOST_INSIDE = 7  # lines of a legend that lies over the axes; a longer one would hide lines
+LEGEND_COLUMNS = 3
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,9 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0)
-    axes.margins(x=0.12 if panel.faint else 0.05)
+    axes.margins(x=0.17 if panel.faint else 0.05)
     axes.grid(alpha=0.3)
-    if len(panel.lines) > len(panel.faint):
+    if len(panel.lines) - len(panel.faint) > MOST_INSIDE:
+        axes.legend(fontsize=8, ncols=LEGEND_COLUMNS, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+    elif len(panel.lines) > len(panel.faint):
         axes.legend(fontsize=8)
