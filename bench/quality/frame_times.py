@@ -1,6 +1,9 @@
-"""What the pictures cost: milliseconds of F, G and VTK, one thread each, in turns within one run."""
+"""What the pictures cost: milliseconds of F, G and VTK, one thread each, in turns within one run.
 
-from collections.abc import Callable, Sequence
+Goals are judged by processor time: of one thread it is what a quiet machine's clock shows, and other work takes none.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 
 from volsplat.bench.peers.contenders import Contender, vtk_name
 from volsplat.bench.quality.ct_head import FINER
@@ -8,7 +11,7 @@ from volsplat.bench.quality.findings import Findings, Goal, Row, findings
 from volsplat.bench.quality.side_by_side import STEP_F, STEP_G, SideBySide, opened_phantom
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.scene_tables import TableName, benchmark_scene
-from volsplat.bench.timing import interleaved, wall_seconds
+from volsplat.bench.timing import interleaved, processor_seconds, wall_seconds
 from volsplat.bench.views import around, seen
 from volsplat.protocol.description.scene import Scene
 
@@ -21,7 +24,10 @@ def time_findings(voxels: int, sides: Sequence[int], repeats: int, distances: Se
     with opened_phantom("shells", (voxels, voxels, voxels)) as opened:
         finer = [distance for distance in distances if distance == FINER]
         rows = [row for side in sides for row in _rows(opened, side, repeats, finer)]
-    caption = f"Shells, {voxels} x {voxels} x {voxels} voxels. The least of {repeats} views, all in turns."
+    caption = (
+        f"Shells, {voxels} x {voxels} x {voxels} voxels. The least of {repeats} views, all in turns: by the clock, and "
+        "of processor time, which goals are judged by, since other work takes none of it."
+    )
     return findings("Time", "milliseconds", "ms", rows, caption)
 
 
@@ -33,22 +39,33 @@ def _rows(opened: SideBySide, side: int, repeats: int, distances: Sequence[float
     ]
     before = dict(zip(views[1:], views, strict=False))
     contenders = opened.contenders(scene, distances)
+    waited: dict[str, list[float]] = {contender.name: [] for contender in contenders}
     with shown_progress(f"times, {side} x {side} pixels", repeats) as step:
-        seconds = interleaved({c.name: _timed(c, before) for c in contenders}, views[1:], lambda done: step())
-    least = {name: 1e3 * min(found) for name, found in seconds.items()}
+        timed = {c.name: _timed(c, before, waited[c.name]) for c in contenders}
+        taken = interleaved(timed, views[1:], lambda done: step())
+    least = _least(taken)
     to_f = least[STEP_G] / least[STEP_F]
-    rows = [Row(f"{side} x {side}", least, Goal(f"G at most {MOST_TIMES_F:g} F: {to_f:.1f}", to_f <= MOST_TIMES_F))]
+    words, goal = f"{side} x {side}", Goal(f"G at most {MOST_TIMES_F:g} F: {to_f:.1f}", to_f <= MOST_TIMES_F)
+    rows = [Row(words, _least(waited)), Row(f"{words}, processor time", least, goal)]
     if distances:
         to_vtk = least[STEP_G] / least[vtk_name(FINER)]
-        rows.append(Row(f"{side} x {side}, beside VTK", {}, Goal(f"G at most VTK's: {to_vtk:.2f}", to_vtk <= 1.0)))
+        rows.append(Row(f"{words}, beside VTK", {}, Goal(f"G at most VTK's: {to_vtk:.2f}", to_vtk <= 1.0)))
     return rows
 
 
-def _timed(contender: Contender, before: dict[Scene, Scene]) -> Callable[[Scene], float]:
-    """A frame among frames: the one before it is drawn first, since another contender has had the caches."""
+def _least(seconds: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """In milliseconds."""
+    return {name: 1e3 * min(found) for name, found in seconds.items()}
+
+
+def _timed(contender: Contender, before: dict[Scene, Scene], waited: list[float]) -> Callable[[Scene], float]:
+    """A frame among frames: the one before it is drawn first, since another contender has had the caches.
+
+    Its processor seconds; those that passed are added to `waited`.
+    """
 
     def seconds(scene: Scene) -> float:
         contender.draw(before[scene])
-        return wall_seconds(lambda: contender.draw(scene))
+        return processor_seconds(lambda: waited.append(wall_seconds(lambda: contender.draw(scene))))
 
     return seconds

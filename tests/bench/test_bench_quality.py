@@ -154,6 +154,8 @@ def test_the_command_tells_what_is_reached_and_draws_it(tmp_path: Path) -> None:
     assert min(found["Check, soft ball: SSIM of G"], found["Check, soft ball: SSIM of F"]) > 0.99
     assert 0 < found["Marschner-Lobb, zoom 1: SSIM of F"] < found["Marschner-Lobb, zoom 1: SSIM of cubic spline"]
     assert found["Uniform slab, greatest less least: brightness of G"] < 0.005
+    taken = [found[f"Time, 32 x 32{words}: milliseconds of G"] for words in ("", ", processor time")]
+    assert min(taken) > 0
     assert "above 0.99 | yes |" in (tmp_path / "q.md").read_text(encoding="utf-8")
     refused = person.runs("bench", "quality", "missing.nrrd", "--only", "head")
     assert refused.returncode == 2 and "missing.nrrd" in refused.stderr
