@@ -18,11 +18,13 @@ from volsplat.client.image.image_formats import check_writable
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import GREATEST_ZOOM
 from volsplat.protocol.description.volume_name import check_is_there
+from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:
     from volsplat.bench.quality.findings import Findings
 
 PARTS = ("check", "marschner-lobb", "head", "slab", "turn", "times", "rings")
+PLOTTED = ("marschner-lobb", "turn", "rings")
 LEAST_IMAGE = 16
 TURN_SIDE = 256
 
@@ -45,7 +47,7 @@ class Sizes:
 @click.argument("volume", required=False)
 @click.option("--only", multiple=True, type=click.Choice(PARTS), help="This part alone; may be given several times.")
 @click.option("--zooms", default="1,2,4,8", help="Pixels a voxel of the Marschner-Lobb signal (1,2,4,8).")
-@click.option("--head-images", default="512", help="Sides of the head's square images; 1024 takes 7 minutes (512).")
+@click.option("--head-images", default="512,1024", help="Sides of the head's images; 1024 takes 7 min (512,1024).")
 @click.option("--images", default="512,1024", help="Sides of the square images that are timed (512,1024).")
 @click.option("--directions", type=click.IntRange(min=2), default=50, help="That the slab is seen from (50).")
 @click.option("--turn", type=click.IntRange(min=4), default=180, help="Views of the turn, half a degree apart (180).")
@@ -72,6 +74,8 @@ def quality(
 
     VOLUME is a CT in place of the head phantom, in the part that compares skin and bone with rays cast in float64.
     """
+    if plot is not None and only and not set(only) & set(PLOTTED):
+        raise BadInput(f"--plot: none of the parts asked for has a plot; ask for {', '.join(PLOTTED)} or leave it out")
     if volume is not None:
         check_is_there(volume)
     sizes = Sizes(

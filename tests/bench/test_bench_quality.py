@@ -24,6 +24,7 @@ from volsplat.client.scene.table_makers import scalars
 from volsplat.program import extras
 from volsplat.protocol.description.scene import ScalarTable
 from volsplat.protocol.description.view_rotation import rotation_from_angles
+from volsplat.protocol.text.errors import BadInput
 
 SIZE = (9, 8, 7)
 FRONT = rotation_from_angles(0, 0)
@@ -159,6 +160,11 @@ def test_the_command_tells_what_is_reached_and_draws_it(tmp_path: Path) -> None:
     assert "above 0.99 | yes |" in (tmp_path / "q.md").read_text(encoding="utf-8")
     refused = person.runs("bench", "quality", "missing.nrrd", "--only", "head")
     assert refused.returncode == 2 and "missing.nrrd" in refused.stderr
+
+
+def test_a_plot_of_parts_that_have_none_is_refused_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="--plot: none of the parts .* marschner-lobb"):
+        bench.main(["quality", "--only", "slab", "--plot", str(tmp_path / "q.png")], standalone_mode=False)
 
 
 def test_without_vtk_its_columns_are_left_out_and_the_extra_is_named(
