@@ -9,6 +9,8 @@ from reference.voxel_packets import directions, octahedral_codes, with_no_data_a
 from volsplat.protocol.rules.index_rules import AGREEMENTS, ROUGH_DIRECTIONS, ROUGH_NO_GRADIENT, ROUGH_SIDE
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
+BORDER = 1e-12  # how near to the border between two codes a sum is for another order of rounding to take it across
+
 
 def halved(values: Tensor) -> Tensor:
     """float64 means of the finite ones of 2x2x2 values (k, j, i), NaN where there is none."""
@@ -33,11 +35,27 @@ def strongest(values: Tensor, second: Tensor) -> Tensor:
     return chosen
 
 
-def with_gradients_of(finer: Tensor, scheme: str, packed: Tensor, has_strength: bool = True) -> Tensor:
+def is_with_gradients_of(finer: Tensor, scheme: str, packed: Tensor, found: Tensor) -> bool:
+    """Whether what was found is `with_gradients_of`; a sum on the border between two codes may have either."""
+    nudges = product((-BORDER, BORDER), repeat=3)
+    allowed = (with_gradients_of(finer, scheme, packed, nudge=nudge) for nudge in nudges)
+    same = with_gradients_of(finer, scheme, packed) == found
+    for one in () if same.all() else allowed:
+        same |= one == found
+    return bool(same.all())
+
+
+def with_gradients_of(
+    finer: Tensor,
+    scheme: str,
+    packed: Tensor,
+    has_strength: bool = True,
+    nudge: tuple[float, ...] = (0.0, 0.0, 0.0),
+) -> Tensor:
     """Packets (k, j, i) int64 of a level with gradients of the level before, `finer`, in place of their own.
 
     Strength is the mean of up to eight, direction that of the sum of their unit vectors; the longer that is, for so
-    many, the less rough.
+    many, the less rough. The sum is moved by the nudge, in parts of it, before it is coded.
     """
     here = [finer[dk::2, dj::2, di::2] for dk, dj, di in product((0, 1), repeat=3)]
     mean_of = directions(scheme).clone()
@@ -57,6 +75,7 @@ def with_gradients_of(finer: Tensor, scheme: str, packed: Tensor, has_strength: 
         strength[k, j, i] += byte
         weight[k, j, i] += counts
         total[k, j, i] += vector * counts[..., None]
+    total += torch.tensor(nudge, dtype=torch.float64) * total.abs().sum(dim=-1, keepdim=True)
     agreement = total.norm(dim=-1) / weight.clamp(min=1)
     limits = [(one + other) / 2 for one, other in zip(AGREEMENTS, AGREEMENTS[1:], strict=False)]
     rough = sum((agreement < limit).long() for limit in limits)
