@@ -2,13 +2,14 @@
 
 import hashlib
 import signal
-import subprocess
-import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from support.files.slow_preparing import prepare_slowly
+from support.programs.programs import LOADED
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.held.packet_store import Packets, PacketStore, open_store
 from volsplat.mapshade_server.held.sub_cube import SubCube
@@ -93,34 +94,19 @@ def tree(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-SMALL_RUN = """
-import sys, time
-from pathlib import Path
-from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.mapshade_server.prepare.layout import Layout
-
-class Slow:
-    def note(self, text):
-        print(text, flush=True)
-    def begin(self, stage, total):
-        print(stage, flush=True)
-    def advance(self, done):
-        print("+", flush=True)
-        time.sleep(0.02)
-
-prepare(sys.argv[1], Path(sys.argv[2]), Options(layout=Layout(8, 16), memory=int(sys.argv[3])), Slow())
-"""
-
-
 def killed_after(lines: int, volume: Path, out: Path) -> list[str]:
     """What a run reports until it is killed, or to its end."""
-    told = []
-    command = [sys.executable, "-c", SMALL_RUN, str(volume), str(out), str(LITTLE.memory)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            told.append(line.strip())
-            if len(told) == lines:
-                process.send_signal(signal.SIGKILL)
-    assert process.returncode in (0, -signal.SIGKILL)
+    told: list[str] = []
+    reader, writer = LOADED.Pipe(duplex=False)
+    process = LOADED.Process(target=prepare_slowly, args=(str(volume), out, LITTLE, writer))
+    with reader:
+        with writer:
+            process.start()
+        with suppress(EOFError, OSError):  # it has ended, perhaps within a line
+            while True:
+                told.append(reader.recv())
+                if len(told) == lines:
+                    process.kill()
+    process.join()
+    assert process.exitcode in (0, -signal.SIGKILL)
     return told

@@ -21,21 +21,23 @@ from volsplat.client.command.commands import ENTRIES
 VOLSPLAT = Path(sys.executable).parent / "volsplat"
 SERVERS = ("mapshade_server", "splat_server")
 
-# Loads once what each command would load again, for a second or two: commands are forked from it.
-_LOADED = get_context("forkserver")
+# Loads once what each command would load again, for a second or two: commands are forked from it, and what prepares.
+LOADED = get_context("forkserver")
 _COMMANDS = [entry.module.format(name=name) for name, entry in ENTRIES.items() if not entry.program]
 _BENCHMARKS = [f"volsplat.bench.commands.{name}_command" for name in SUMMARIES]
 _PAGES = [f"volsplat.client.ui.{name}" for name in ("application", "opening.start_page", "page")]
-_LOADED.set_forkserver_preload([*_COMMANDS, *_BENCHMARKS, "torch", "SimpleITK", "OpenImageIO", *_PAGES])
+_LIBRARIES = ["torch", "SimpleITK", "OpenImageIO"]
+_PREPARING = ["volsplat.mapshade_server.prepare"]
+LOADED.set_forkserver_preload([*_COMMANDS, *_BENCHMARKS, *_LIBRARIES, *_PAGES, *_PREPARING])
 
 
 class Forked:
     """A command that runs in a process whose modules were loaded before it was forked. To be used as a Popen."""
 
     def __init__(self, words: list[str], folder: Path, environment: dict[str, str]) -> None:
-        reader, writer = _LOADED.Pipe(duplex=False)
+        reader, writer = LOADED.Pipe(duplex=False)
         with reader, writer:
-            self._process = _LOADED.Process(target=_piped_command, args=(words, folder, environment, writer))
+            self._process = LOADED.Process(target=_piped_command, args=(words, folder, environment, writer))
             self._process.start()
             self.stderr = open(os.dup(reader.fileno()), encoding="utf-8")
         assert self._process.pid is not None
@@ -75,7 +77,7 @@ class Person:
         with TemporaryDirectory() as place:
             said = [Path(place, name) for name in ("stdout", "stderr")]
             words = ["volsplat", *arguments]
-            process = _LOADED.Process(target=_command, args=(words, self.folder, self.environment, said))
+            process = LOADED.Process(target=_command, args=(words, self.folder, self.environment, said))
             process.start()
             process.join(PATIENCE)
             if process.exitcode is None:
