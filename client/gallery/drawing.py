@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path
+from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path, step_of
 from volsplat.client.image.image_file import over_background, write_image, write_pixels
 from volsplat.client.image.image_formats import check_writable
 from volsplat.client.image.image_properties import image_properties
@@ -110,7 +110,7 @@ def _drawn(
             if image.data != data_set:
                 continue
             scene = sized(read_scene_file(scene_path(image, measured), renderer.volume.default_scene()), pixels)
-            step = last if image.step == Step.F and renderer.volume.has(last) else image.step
+            step = step_of(image, measured, last, renderer.volume.has)
             finished = renderer.finish(scene, step).published.pixels
             properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
             write_image(image_path(folder, image), finished, scene, properties)

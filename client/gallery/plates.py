@@ -1,5 +1,6 @@
 """What the paper's four colour plates show, and which volume and scene stand for each image here."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,7 @@ class DataSet:
     measured: str = ""  # its path in the folder of data
     part: str = ""  # of that file, after "#"
     measured_label: str = ""
+    banded: bool = False  # the phantom: kinds lie in bands of its values, and nothing in between
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ PROTEIN = DataSet(
     measured="hemoglobin/4HHB.pdb",
     part="elements",
     measured_label="human hemoglobin (4HHB), elements from its atoms",
+    banded=True,
 )
 STRUCTURE_FACTORS = DataSet(
     phantom="structure-factors",
@@ -70,6 +73,7 @@ STRUCTURE_FACTORS = DataSet(
     measured="sod/1JK9_l_u.pdb",
     part="frequency,3",
     measured_label="yeast superoxide dismutase (1JK9), from its atoms",
+    banded=True,
 )
 GALAXY = DataSet(
     phantom="galaxy",
@@ -119,6 +123,12 @@ PLATES = (
 )
 
 IMAGES = tuple(image for plate in PLATES for image in plate.images)
+
+
+def step_of(image: PlateImage, measured: bool, last: Step, volume_has: Callable[[Step], bool]) -> Step:
+    """That an image is drawn in, where `last` stands in the place of F: what has no in-between stays in F."""
+    banded = image.data.banded and not measured
+    return last if image.step == Step.F and not banded and volume_has(last) else image.step
 
 
 def scene_path(image: PlateImage, measured: bool) -> Path:

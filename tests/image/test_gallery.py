@@ -15,7 +15,7 @@ from support.files.images import read_image
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.gallery.drawing import Drawn, check_places, draw_gallery, label, plate_sheet, sized
-from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path
+from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path, step_of
 from volsplat.client.image.image_file import read_properties, read_scene
 from volsplat.client.image.picture_sheet import PAPER
 from volsplat.client.phantoms import PHANTOMS, make_phantom
@@ -237,6 +237,16 @@ def test_every_measured_volume_of_the_shared_data_is_drawn(shared_data: Path, tm
         assert volume_name(path) == (Path(image.data.measured).name if measured else f"{image.data.phantom}.nrrd")
         assert (read_image(path).amax(dim=2) > 0.1).double().mean().item() > 0.03
     assert len(opening.names) == len({image.data for image in IMAGES})
+
+
+def test_what_has_no_in_between_stays_in_step_f() -> None:
+    """Phantoms that hold kinds of atoms or phases in bands of values, and volumes that G refuses."""
+    for image in IMAGES:
+        banded = image.name in ("protein", "structure-factors")
+        g = Step.G if image.step == Step.F else image.step
+        assert step_of(image, False, Step.G, lambda _: True) == (image.step if banded else g)
+        assert step_of(image, True, Step.G, lambda _: True) == g
+        assert step_of(image, True, Step.G, lambda _: False) == image.step
 
 
 # Bad input.
