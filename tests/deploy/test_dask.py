@@ -13,6 +13,7 @@ from support.engines.dask import DaskCluster, dask_cluster
 from support.patience import wait_until
 from support.programs.clusters import cluster_file, drawn
 from support.programs.programs import Person
+from support.programs.server_processes import words_of
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -57,12 +58,7 @@ def brought_up(person: Person, cluster: Path) -> None:
 
 
 def servers_of(worker: psutil.Process) -> list[psutil.Process]:
-    found = []
-    for child in worker.children(recursive=True):
-        with suppress(psutil.NoSuchProcess):  # it has ended by now
-            if "_server" in " ".join(child.cmdline()):
-                found.append(child)
-    return found
+    return [child for child in worker.children(recursive=True) if "_server" in " ".join(words_of(child))]
 
 
 def ended(processes: list[psutil.Process]) -> bool:

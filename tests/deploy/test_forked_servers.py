@@ -11,7 +11,7 @@ import pytest
 
 from support.files.head_volume import head
 from support.patience import PATIENCE, wait_until
-from support.programs.server_processes import is_server
+from support.programs.server_processes import is_server, words_of
 from volsplat.client import Session
 from volsplat.deploy import local
 from volsplat.deploy.forked_servers import FORK_SERVER, ForkedServers, forked_servers
@@ -87,5 +87,5 @@ def test_a_client_that_is_killed_leaves_no_fork_server() -> None:
 def fork_server() -> psutil.Process:
     """That which this process has started last; all its other tests have one together."""
     return max(
-        (one for one in psutil.Process().children() if FORK_SERVER in one.cmdline()), key=psutil.Process.create_time
+        (one for one in psutil.Process().children() if FORK_SERVER in words_of(one)), key=psutil.Process.create_time
     )

@@ -18,6 +18,7 @@ from support.checkout import ROOT
 from support.lab.box import Box, box, why_no_box
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT
+from support.programs.server_processes import words_of
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.exit_status import EXIT_INTERRUPTED
@@ -119,7 +120,7 @@ def test_where_only_ssh_gets_through_it_carries_everything(desk: Desk, monkeypat
             expected = single.render(scene)
         assert session.render(scene).equal(expected)
         before = {name: desk.box.servers(name) for name in NODES}
-        (tunnel,) = (ssh for ssh in tunnels() if "node2" in ssh.cmdline())
+        (tunnel,) = (ssh for ssh in tunnels() if "node2" in words_of(ssh))
         tunnel.kill()
         wait_until(lambda: "the tunnel to node2 is open again" in said, "open again")
         assert session.render(scene).equal(expected)
@@ -131,4 +132,4 @@ def test_where_only_ssh_gets_through_it_carries_everything(desk: Desk, monkeypat
 
 def tunnels() -> list[psutil.Process]:
     """Those that this process has open."""
-    return [one for one in psutil.Process().children() if "ExitOnForwardFailure=yes" in one.cmdline()]
+    return [one for one in psutil.Process().children() if "ExitOnForwardFailure=yes" in words_of(one)]

@@ -19,6 +19,13 @@ def servers(session: Session, program: str) -> list[psutil.Process]:
     return found
 
 
+def words_of(process: psutil.Process) -> list[str]:
+    """Its command line, empty once it has ended, whether or not somebody still waits for it."""
+    with suppress(psutil.NoSuchProcess):
+        return process.cmdline()
+    return []
+
+
 def is_server(process: psutil.Process, program: str) -> bool:
     """Whether a process is a server of this program: one that was forked has its name, one by itself its command."""
     return process.name() == program.replace("_", "-") or f"volsplat.{program}" in process.cmdline()
