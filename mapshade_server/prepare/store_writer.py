@@ -150,6 +150,7 @@ def _write_whole(group: Any, name: str, values: NDArray[Any], names: tuple[str, 
         dtype=values.dtype,
         compressors=_compressor(),
         dimension_names=names,
+        config={"write_empty_chunks": True},  # whose file is missing counts as damaged, and zeros are told as well
         overwrite=True,
     )
     array[...] = values
