@@ -22,10 +22,15 @@ MIXTURE_BYTES = 24  # of each entry while it is counted
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Voxels along each side of a brick and of a shard; the tests take smaller ones. Both are even."""
+    """Voxels along each side, all even; the tests take smaller ones.
+
+    A core draws the level that is no longer than `coarsest` in some ten milliseconds. Nothing would be won by further
+    ones, which are less and less like the volume.
+    """
 
     brick: int = 64
     shard: int = 256
+    coarsest: int = 128
 
     def shard_size(self, dims: Index) -> Index:
         """Of a level of `dims`, as (i, j, k): no larger than its bricks need."""
@@ -33,9 +38,9 @@ class Layout(msgspec.Struct, frozen=True):
         return (i, j, k)
 
     def levels(self, geometry: Geometry) -> list[Geometry]:
-        """Of all levels, finest first, until the whole volume fits into one brick."""
+        """Of all levels, finest first, until no side of the whole volume is longer than `coarsest`."""
         levels = [geometry]
-        while max(levels[-1].dims) > self.brick:
+        while max(levels[-1].dims) > self.coarsest:
             levels.append(halved_geometry(levels[-1]))
         return levels
 

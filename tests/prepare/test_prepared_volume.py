@@ -12,7 +12,7 @@ from support.files.head_volume import skin
 from support.files.silent_progress import Silent
 from support.patience import wait_until
 from support.programs.server_processes import is_server
-from support.scenes.level_brightness import SIDES, layout_of, measured
+from support.scenes.level_brightness import SIDES, measured
 from tolerances import LEVEL_BRIGHTNESS, THIN_LEVEL_BRIGHTNESS
 from volsplat.client import Session
 from volsplat.client.coordinator.base_level import LevelChoice, budgets
@@ -33,7 +33,7 @@ from volsplat.protocol.messages.messages import CountHistograms, LevelBoxes, Ope
 from volsplat.protocol.text.errors import BadInput
 
 SIZE = (61, 64, 50)  # voxels
-BRICKS = Layout(brick=8, shard=16)  # so that there are levels of 61, 31, 16 and 8 voxels
+BRICKS = Layout(brick=8, shard=16, coarsest=8)  # so that there are levels of 61, 31, 16 and 8 voxels
 
 
 @pytest.fixture(scope="module")
@@ -288,7 +288,8 @@ def test_levels_of_what_is_thin_are_as_bright_as_the_volume(
     """From two sides, where zooming out takes them; and pictures do not jump there."""
     name, out = str(shared_data / volume), tmp_path / "levels.zarr"
     with SingleProcess(name) as plain:
-        prepare(name, out, Options(layout=layout_of(max(plain.volume.description.geometry.dims))), Silent())
+        a_quarter = max(plain.volume.description.geometry.dims) // 4 + 1
+        prepare(name, out, Options(layout=Layout(coarsest=a_quarter)), Silent())
         with SingleProcess(out) as levels:
             bright = [measured(preset, level, side, plain, levels) for level in (1, 2) for side in SIDES]
     assert max(abs(one.of_volume - 1.0) for one in bright) <= THIN_LEVEL_BRIGHTNESS

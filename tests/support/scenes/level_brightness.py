@@ -16,14 +16,11 @@ from support.files.silent_progress import Silent
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 
-LEVELS = (1, 2)
 SIDES = ((0.0, 0.0), (35.0, 25.0))  # azimuth and elevation
 JUST_ABOVE = 1.0001  # of the zoom at which a level takes over: there the finer one is drawn
-LARGEST_BRICK = 64
 AROUND = 1.6  # of the longest side, so that nothing is cut
 
 
@@ -54,23 +51,27 @@ def measured(preset: str, level: int, side: tuple[float, float], plain: SinglePr
 
 def row(preset: str, plain: SingleProcess, levels: SingleProcess) -> str:
     cells = []
-    for level in LEVELS:
+    for level in range(1, levels_of(levels)):
         by_side = [measured(preset, level, side, plain, levels) for side in SIDES]
         cells.append(", ".join(f"{bright.of_volume:.2f}" for bright in by_side))
         cells.append(f"{max((bright.jump for bright in by_side), key=abs):+.1f}")
     return " | ".join(cells)
 
 
-def layout_of(longest: int) -> Layout:
-    """Small volumes need bricks of less than 64 voxels a side to have as many levels."""
-    return Layout(brick=min(LARGEST_BRICK, max(2, 1 << (longest - 1).bit_length() - LEVELS[-1])))
+def levels_of(renderer: SingleProcess) -> int:
+    prepared = renderer.volume.prepared
+    assert prepared is not None
+    return len(prepared.levels)
 
 
 def print_rows(volume: str) -> None:
     with tempfile.TemporaryDirectory() as folder, SingleProcess(volume) as plain:
         store = Path(folder) / "levels.zarr"
-        prepare(volume, store, Options(layout=layout_of(max(plain.volume.description.geometry.dims))), Silent())
+        prepare(volume, store, Options(), Silent())
         with SingleProcess(store) as levels:
+            if levels_of(levels) == 1:
+                print(f"| {Path(volume).name} | has no levels beside the volume itself |")
+                return
             for preset in PRESETS:
                 if fits(preset, plain.volume.subject()):
                     print(f"| {Path(volume).name} | `{preset}` | {row(preset, plain, levels)} |", flush=True)
