@@ -40,7 +40,8 @@ def servers_of(person: Person) -> list[psutil.Process]:
 def _is_server_of(person: Person, process: psutil.Process) -> bool:
     try:
         there = process.environ().get("XDG_STATE_HOME") == str(person.folder / "state")
-        return there and "_server" in " ".join(process.cmdline()) and process.status() != psutil.STATUS_ZOMBIE
+        named = any(word.endswith("_server") for word in process.cmdline())
+        return there and named and process.status() != psutil.STATUS_ZOMBIE
     except (psutil.NoSuchProcess, psutil.AccessDenied):
         return False
 
