@@ -13,6 +13,7 @@ from faults.relay import Relay
 
 from volsplat.client import Session
 from volsplat.deploy.server_command import Program
+from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token, new_token
 
 MODULES = {Program.MAPSHADE_SERVER: "volsplat.mapshade_server", Program.SPLAT_SERVER: "volsplat.splat_server"}
@@ -21,11 +22,11 @@ MODULES = {Program.MAPSHADE_SERVER: "volsplat.mapshade_server", Program.SPLAT_SE
 class RelayedServer:
     """One process, and its way to the client."""
 
-    def __init__(self, program: Program, session: Session, token: Token, seed: int) -> None:
+    def __init__(self, program: Program, session: Session, token: Token, seed: int, *options: str) -> None:
         self.program = program
         self.network = Relay((session.address.host, session.address.port), seed)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULES[program], "--connect", self.network.address, "--threads", "1"],
+            [sys.executable, "-m", MODULES[program], "--connect", self.network.address, *options, "--threads", "1"],
             env=token.added_to({}),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -45,10 +46,19 @@ class ServersAtHand:
     faults: Sequence[Fault] = FAULTS
     most_losses = sys.maxsize  # of servers in one session
 
-    def __init__(self, volume: Path, chance: random.Random, workers: int, splat_servers: int) -> None:
+    def __init__(
+        self,
+        volume: Path,
+        chance: random.Random,
+        workers: int,
+        splat_servers: int,
+        silence: float = SILENCE_SECONDS,
+    ) -> None:
         self._token = new_token()
-        self.workers, self.splat_servers = workers, splat_servers
-        self.session = Session(volume, workers=workers, splat_servers=splat_servers, spawn=False, token=self._token)
+        self.workers, self.splat_servers, self._silence = workers, splat_servers, silence
+        self.session = Session(
+            volume, workers=workers, splat_servers=splat_servers, spawn=False, token=self._token, silence=silence
+        )
         self._seeds = count(chance.randrange(1 << 30))
         self.living: list[RelayedServer] = []
         self._replaced: list[RelayedServer] = []
@@ -74,4 +84,5 @@ class ServersAtHand:
             server.end()
 
     def _start(self, program: Program) -> None:
-        self.living.append(RelayedServer(program, self.session, self._token, next(self._seeds)))
+        silence = ("--silence", str(self._silence))
+        self.living.append(RelayedServer(program, self.session, self._token, next(self._seeds), *silence))

@@ -15,6 +15,7 @@ from support.thoroughness import THOROUGH
 from volsplat.deploy.server_command import Program
 
 SECONDS = 120.0 if THOROUGH else 10.0  # of faults; `python -m faults.fault_runs` does hundreds
+TIME_TO_JOIN = 6.0  # seconds, for one that is started when another falls silent
 WHY_NO_BOX = why_no_box() or why_unharmed()
 
 
@@ -46,7 +47,8 @@ def test_a_disk_that_fills_up_damages_no_image() -> None:
 def test_what_the_only_map_shade_server_held_goes_to_one_that_came_before_its_loss_was_noticed(fault: Fault) -> None:
     with drawn_head() as head:
         chance = random.Random(1)
-        bench = Bench(head, chance, ServersAtHand(head.volume, chance, workers=1, splat_servers=1))
+        servers = ServersAtHand(head.volume, chance, workers=1, splat_servers=1, silence=TIME_TO_JOIN)
+        bench = Bench(head, chance, servers)
         try:
             after = bench.suffers(fault, of=[Program.MAPSHADE_SERVER])
         finally:
