@@ -275,7 +275,7 @@ class HeldVolume:
         for one in request.levels:
             if one.level >= len(store.levels):
                 raise BadInput(f"there is no level {one.level}: {request.path} has {len(store.levels)} levels")
-            check_within(one.boxes, store.levels[one.level].geometry)
+            check_within(one.boxes, store.levels[one.level])
         kept, read = self._let_go_except(request), 0
         self._path, self._identity = request.path, request.identity
         for one in sorted(request.levels, key=lambda one: -one.level):

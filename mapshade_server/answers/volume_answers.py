@@ -64,7 +64,7 @@ def store_described(store: PacketStore, identity: VolumeIdentity) -> Answer:
     prepared = Prepared(
         survey=store.survey,
         quantisation=store.quantisation,
-        levels=tuple(level.geometry for level in store.levels),
+        levels=store.levels,
     )
     counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
     described = messages.VolumeDescribed(description=store.description, prepared=[prepared], identity=identity)

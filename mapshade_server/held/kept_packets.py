@@ -38,7 +38,7 @@ def stored_sub_cubes(
             sheet, rest = rest.cut(2, end) if end < rest.high[2] else (rest, None)
             yield sheet, store.read(level, sheet)
 
-    return _sub_cubes(store.levels[level].geometry, boxes, held, read, LISTS_PER_STORED_PACKET, store.mixture(level))
+    return _sub_cubes(store.levels[level], boxes, held, read, LISTS_PER_STORED_PACKET, store.mixture(level))
 
 
 def packed_sub_cubes(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
 from volsplat.protocol.description.volume import Geometry, Index
-from volsplat.protocol.rules.levels import thickness_of
+from volsplat.protocol.rules.levels import factors_of, thickness_of
 
 COLUMN_VOXELS = 1 << 16  # of a level, some more where columns are long
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
@@ -72,7 +72,7 @@ def _along(dims: Index, axis: int, begin: int) -> Columns:
 def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Places, Rows]:
     """Of a box of a level (k, j, i) whose lowest voxel is `low`: its voxels in columns, and which rows these are.
 
-    `finer` are the packets that it stands for, fewer at an odd end.
+    `finer` are the packets that it stands for: two along each axis that is halved, fewer at an odd end.
     """
     places, rows = [], []
     for columns in columns_of(dims):
@@ -99,8 +99,12 @@ def _voxels_within(columns: Columns, shape: tuple[int, ...], low: Index) -> tupl
 def _rows(finer: Rows, coarser: Rows, index: tuple[Places, ...]) -> Rows:
     rows = np.full((len(index[0]), ROW), BEYOND, np.uint32)
     rows[:, 0] = coarser[index]
+    factors = [1 if fine == coarse else 2 for fine, coarse in zip(finer.shape, coarser.shape, strict=True)]
     for child in range(8):
-        at = [2 * n + (child >> axis & 1) for n, axis in zip(index, (2, 1, 0), strict=True)]
+        asides = [child >> axis & 1 for axis in (2, 1, 0)]
+        if any(aside >= factor for aside, factor in zip(asides, factors, strict=True)):
+            continue
+        at = [factor * n + aside for n, factor, aside in zip(index, factors, asides, strict=True)]
         there = np.logical_and.reduce([n < size for n, size in zip(at, finer.shape, strict=True)])
         k, j, i = (n[there] for n in at)
         rows[there, 1 + child] = finer[k, j, i]
@@ -111,13 +115,13 @@ class LevelColumns:
     """Those of one level."""
 
     def __init__(self, volume: Geometry, finer: Geometry, level: Geometry, rows: Rows) -> None:
-        """`finer` is the level before. Raises ValueError for rows that are not this level's."""
+        """`finer` is the level before. Raises ValueError for rows that are not this level's, and for other levels."""
         self._columns = columns_of(level.dims)
         if rows.shape != (self._columns[-1].end, ROW) or rows.dtype != np.uint32:
             raise ValueError(f"columns of a level of {level.dims} voxels are not of shape {rows.shape}")
         self.levels = (finer, level)
         self.thickness = (thickness_of(volume, finer), thickness_of(volume, level))
-        self._halved = [size > 1 for size in finer.dims]
+        self._factors = factors_of(finer, level)
         self._rows = rows
 
     def area(self, axis: int) -> float:
@@ -130,8 +134,8 @@ class LevelColumns:
     def seen(self, axis: int, from_high: bool, finer: Looks, coarser: Looks) -> Seen:
         """From the upper or the lower end of an axis."""
         columns = self._columns[axis]
-        layers = 1 + self._halved[axis]
-        places = (1 << sum(self._halved)) // layers
+        layers = self._factors[axis]
+        places = math.prod(self._factors) // layers
         rows = self._rows[columns.begin : columns.end].data
         of_finer, of_coarser, *reflected = _kernels.seen_in_columns(
             rows, columns.depth, axis, from_high, layers, places, finer.data, coarser.data

@@ -18,7 +18,8 @@ A Zarr v3 group that `volsplat prepare` writes:
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
     blocks               float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes)
 
-Level L + 1 halves level L: each of its voxels is the mean of 2x2x2 source values, as many as there are and are finite.
+Level L + 1 halves the axes of level L whose steps are short: each of its voxels is the mean of up to 2x2x2 source
+values, as many as there are and are finite.
 Its strength is the mean of theirs, its direction that of their sum, in the code "rough" of index_rules. A second
 scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All levels have one
 quantisation. Packets hold their gradients, so a brick needs no halo.
@@ -33,7 +34,7 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -58,7 +59,7 @@ Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 6
+FORMAT = 7
 BRICKS = "bricks"
 MIXTURES = "mixtures"
 COLUMNS = "columns"
@@ -71,10 +72,9 @@ NO_KEY = (1 << 32) - 1  # of any entry of a mixture
 
 
 class StoredLevel(msgspec.Struct, frozen=True):
-    """One resolution: the array that holds it, how often it is coarser than the source, and its place in space."""
+    """One resolution: the array that holds it, and its place in space."""
 
     path: str
-    factor: int
     geometry: Geometry
 
 
@@ -109,13 +109,6 @@ class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):
         return {ATTRIBUTE: told, CHECKSUM: _checksum(told)}
 
 
-class Level(NamedTuple):
-    """One resolution of a store; level 0 has factor 1."""
-
-    factor: int
-    geometry: Geometry
-
-
 class PacketStore:
     """A finished store, opened by `open_store`."""
 
@@ -125,7 +118,7 @@ class PacketStore:
         self.description = attributes.description
         self.survey = attributes.survey
         self.quantisation = attributes.quantisation
-        self.levels = tuple(Level(level.factor, level.geometry) for level in attributes.levels)
+        self.levels = tuple(level.geometry for level in attributes.levels)
         self._paths = [level.path for level in attributes.levels]
         self._arrays = [self._packets(level, attributes.background_at(n)) for n, level in enumerate(attributes.levels)]
         self._bricks: dict[int, NDArray[np.uint8]] = {}
@@ -198,7 +191,7 @@ class PacketStore:
 
     def _columns(self, level: int) -> LevelColumns:
         path = f"{COLUMNS}/{self._paths[level]}"
-        volume, finer, own = (self.levels[n].geometry for n in (0, level - 1, level))
+        volume, finer, own = (self.levels[n] for n in (0, level - 1, level))
         try:
             return LevelColumns(volume, finer, own, self._whole(path))
         except ValueError:

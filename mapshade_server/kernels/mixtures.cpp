@@ -98,17 +98,19 @@ private:
 }  // namespace
 
 MixtureEntries mixture_of(const PacketView& finer, const PacketView& coarser) {
+    int halved[3];  // 1 if the axis is
     for (int axis = 0; axis < 3; ++axis) {
-        if (coarser.size[axis] != (finer.size[axis] + 1) / 2)
-            throw std::invalid_argument("of each axis a coarser level has half the voxels");
+        halved[axis] = coarser.size[axis] != finer.size[axis];
+        if (halved[axis] && coarser.size[axis] != (finer.size[axis] + 1) / 2)
+            throw std::invalid_argument("of each axis a coarser level has half the voxels, or as many");
     }
     Counts counts;
     std::uint32_t newest = 0, run = 0;  // how many of the newest are not added yet
     for (std::int64_t k = 0; k < finer.size[2]; ++k) {
         for (std::int64_t j = 0; j < finer.size[1]; ++j) {
-            const std::uint32_t *voxels = finer.row(j, k), *means = coarser.row(j / 2, k / 2);
+            const std::uint32_t *voxels = finer.row(j, k), *means = coarser.row(j >> halved[1], k >> halved[2]);
             for (std::int64_t i = 0; i < finer.size[0]; ++i) {
-                const std::uint32_t mean = means[(i / 2) * coarser.step[0]], voxel = voxels[i * finer.step[0]];
+                const std::uint32_t mean = means[(i >> halved[0]) * coarser.step[0]], voxel = voxels[i * finer.step[0]];
                 if (!has_data(mean)) continue;
                 const std::uint32_t key = bin_of(mean) << kBinBits |
                                           (has_data(voxel) ? bin_of(voxel) : static_cast<std::uint32_t>(kNoDataBin));

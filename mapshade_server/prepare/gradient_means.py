@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.packet_store import Packets
-from volsplat.mapshade_server.prepare.halving import sums
+from volsplat.mapshade_server.prepare.halving import ALL_AXES, halved_shape, halved_sheets, sums
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.index_rules import (
     AGREEMENTS,
     DIRECTION_CODES,
@@ -32,15 +33,15 @@ LIMITS = [(one + next_one) / 2 for one, next_one in zip(AGREEMENTS, AGREEMENTS[1
 Reals = NDArray[np.float64]
 
 
-def halved_gradients(packets: Packets, code: DirectionCode) -> Packets:
-    """Strengths and directions, in the bits of a packet, of 2x2x2 voxels each (k, j, i).
+def halved_gradients(packets: Packets, code: DirectionCode, factors: Index = ALL_AXES) -> Packets:
+    """Strengths and directions, in the bits of a packet, of `factors` voxels each (k, j, i), 1 or 2 along i, j, k.
 
     `packets` must begin at even indices of the volume, and end so or where the volume ends.
     """
-    halves = np.empty([(n + 1) // 2 for n in packets.shape], np.uint32)
+    halves = np.empty(halved_shape(packets.shape, factors), np.uint32)
     for k in range(0, len(packets), SHEETS_AT_A_TIME):
-        sheets = packets[k : k + SHEETS_AT_A_TIME]
-        halves[k // 2 : (k + len(sheets) + 1) // 2] = _halved(sheets, code)
+        there = halved_sheets(k, factors, SHEETS_AT_A_TIME)
+        halves[there] = _halved(packets[k : k + SHEETS_AT_A_TIME], code, factors)
     return halves
 
 
@@ -51,18 +52,18 @@ def with_gradients(packets: Packets, gradients: Packets, has_strength: bool) -> 
     return replaced
 
 
-def _halved(packets: Packets, code: DirectionCode) -> Packets:
+def _halved(packets: Packets, code: DirectionCode, factors: Index) -> Packets:
     there = packets >> NO_DATA_BIT == 0
     strengths = np.where(there, (packets & STRENGTH_BITS) >> 8, 0).astype(np.int64)
-    counts = np.maximum(sums(there.astype(np.int64)), 1)
-    mean_strengths = (2 * sums(strengths) + counts) // (2 * counts)
+    counts = np.maximum(sums(there.astype(np.int64), factors), 1)
+    mean_strengths = (2 * sums(strengths, factors) + counts) // (2 * counts)
 
     # All alike: what is seen of a block need not be where its gradients are strong, and light falls on it all the same
     directed = _along(code)[(packets & DIRECTION_BITS) >> DIRECTION_SHIFT]
     has_direction = there & directed.any(axis=-1)
     directions = has_direction.astype(np.int64)
-    total = np.stack([sums(directed[..., axis] * directions) for axis in range(3)], axis=-1)
-    codes = _rough_codes(total, sums(directions))
+    total = np.stack([sums(directed[..., axis] * directions, factors) for axis in range(3)], axis=-1)
+    codes = _rough_codes(total, sums(directions, factors))
     gradients: Packets = (mean_strengths << 8 | codes << DIRECTION_SHIFT).astype(np.uint32)
     return gradients
 

@@ -1,5 +1,6 @@
 """How a volume is divided: levels, shards, and the blocks that are worked on at a time."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
+from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.packet_layout import MOST_MIXTURE_ENTRIES, VOXEL_PACKET_BYTES
 from volsplat.protocol.text.errors import BadInput
 
@@ -19,6 +21,10 @@ MIB = 1 << 20
 PROGRAM_BYTES = 150 * MIB
 SHARDS_IN_WRITING = 3
 MIXTURE_BYTES = 24  # of each entry while it is counted
+
+# An axis whose steps are so many times those of another one waits for it, so that levels become cubic
+WAITING = math.sqrt(2.0)
+ROUNDING = 1e-6  # of spacings
 
 
 class Layout(msgspec.Struct, frozen=True):
@@ -71,25 +77,26 @@ def _clipped(index: Index, dims: Index) -> Index:
     return (min(index[0], dims[0]), min(index[1], dims[1]), min(index[2], dims[2]))
 
 
-def halved_dims(dims: Index) -> Index:
-    return ((dims[0] + 1) // 2, (dims[1] + 1) // 2, (dims[2] + 1) // 2)
+def halved_axes(geometry: Geometry) -> Index:
+    """How many voxels of a level make one of the next along i, j, k, 1 or 2: the finest axes are halved.
 
-
-def halved_box(box: Box) -> Box:
-    """Where the means of a box lie that begins at even indices."""
-    (i, j, k), high = box
-    return Box((i // 2, j // 2, k // 2), halved_dims(high))
+    Slices that are thicker than the voxels of a slice are wide stay as they are until these are as large.
+    """
+    steps = [step for step, n in zip(geometry.spacing, geometry.dims, strict=True) if n > 1]
+    limit = WAITING * min(steps, default=0.0) * (1.0 - ROUNDING)
+    i, j, k = (1 + (n > 1 and step < limit) for step, n in zip(geometry.spacing, geometry.dims, strict=True))
+    return (i, j, k)
 
 
 def halved_geometry(geometry: Geometry) -> Geometry:
-    """Twice the step along every axis, the first voxel in the middle of the first two; an axis of one voxel stays."""
-    factors = [2.0 if n > 1 else 1.0 for n in geometry.dims]
+    """That of the next level: its first voxel lies in the middle of those of which it is made."""
+    factors = halved_axes(geometry)
     matrix: Matrix = tuple(  # type: ignore[assignment]
         tuple(entry * factor for entry, factor in zip(row, factors, strict=True)) for row in geometry.index_to_physical
     )
-    i, j, k = (0.5 * (factor - 1.0) for factor in factors)
+    i, j, k = (0.5 * (factor - 1) for factor in factors)
     shift = matrices.applied(geometry.index_to_physical, (i, j, k))
-    return Geometry(halved_dims(geometry.dims), matrix, matrices.plus(geometry.origin, shift))
+    return Geometry(dims_at_level(geometry.dims, factors), matrix, matrices.plus(geometry.origin, shift))
 
 
 @dataclass(frozen=True)
@@ -101,18 +108,18 @@ class MemoryPlan:
 
 
 def memory_plan(
-    layout: Layout, dims: Index, item_bytes: Sequence[int], memory: int, whole_rows: bool = False
+    layout: Layout, dims: Index, item_bytes: Sequence[int], memory: int, whole_rows: bool = False, of_mean: int = 8
 ) -> MemoryPlan:
     """The longest blocks of which two fit, for one is packed while the other is written; else one at a time.
 
     With `whole_rows`, of a file of which only those can be read, a single block that has them is better than two.
     If whole rows fit, one for each processor. Held of each voxel of a block: its scalars, of so many bytes each,
-    its packet, and an eighth of each scalar for the next level; of each of its shards the mixture, which has at most
-    as many entries as voxels. Raises BadInput for too little memory.
+    its packet, and its part of each scalar of the next level, of which every voxel is the mean of `of_mean`; of each
+    shard the mixture, which has at most as many entries as voxels. Raises BadInput for too little memory.
     """
     si, sj, sk = layout.shard_size(dims)
     voxels = si * sj * sk
-    mean_bytes = len(item_bytes)  # of at most 8 each for every 8 voxels
+    mean_bytes = -(-8 * len(item_bytes) // of_mean)  # at most 8 each
     mixture_bytes = min(voxels, MOST_MIXTURE_ENTRIES) * MIXTURE_BYTES
     block_bytes = voxels * (sum(item_bytes) + VOXEL_PACKET_BYTES + mean_bytes) + mixture_bytes
     fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * VOXEL_PACKET_BYTES

@@ -14,14 +14,15 @@ from volsplat.mapshade_server.prepare.brick_extents import brick_extents
 from volsplat.mapshade_server.prepare.gradient_means import halved_gradients, with_gradients
 from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
-from volsplat.mapshade_server.prepare.layout import Layout, halved_box
+from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.mixture_files import ColumnFiles, ColumnRows, Mixture, MixtureFiles
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import HALO, Box, Geometry
+from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import bounds_at_level, dims_at_level
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,10 @@ class StoredBlock:
 
 @dataclass(frozen=True)
 class LevelPacker:
-    """Packs one level. `source` gives its scalars, `coarser` takes those of the next, `extents` what bricks hold."""
+    """Packs one level. `source` gives its scalars, `coarser` takes those of the next, `extents` what bricks hold.
+
+    A voxel of the next level is made of `factors` of this one along i, j, k.
+    """
 
     number: int
     geometry: Geometry
@@ -60,6 +64,7 @@ class LevelPacker:
     layout: Layout
     source: Scalars
     coarser: StoredScalars | None
+    factors: Index
     extents: LevelSource
     mixtures: MixtureFiles  # of the next level
     columns: ColumnFiles  # likewise
@@ -76,8 +81,8 @@ class LevelPacker:
         means, mixtures, columns = None, [], []
         if self.coarser is not None:
             code = self.quantisation.directions if read.gradients is None else "rough"
-            gradients = halved_gradients(packets, code)
-            means = _halved(read.values[box.slices(with_halo.low)], read.second, gradients)
+            gradients = halved_gradients(packets, code, self.factors)
+            means = self._halved(read.values[box.slices(with_halo.low)], read.second, gradients)
             packed_means = self._packed_means(means)
             mixtures = list(self._mixtures(box, packets, packed_means))
             columns = list(self._columns(box, packets, packed_means))
@@ -98,15 +103,23 @@ class LevelPacker:
 
     def _mixtures(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[Mixture]:
         for shard in self.layout.shards(self.geometry.dims, box):
-            there = halved_box(shard).slices(halved_box(box).low)
+            there = self._in_coarser(shard).slices(self._in_coarser(box).low)
             yield Mixture.of_voxels(packets[shard.slices(box.low)], coarser[there])
 
     def _columns(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[ColumnRows]:
-        dims = halved_box(self.geometry.box).high
+        dims = dims_at_level(self.geometry.dims, self.factors)
         for shard in self.layout.shards(self.geometry.dims, box):
-            low = halved_box(shard).low
-            there = halved_box(shard).slices(halved_box(box).low)
-            yield ColumnRows(*rows_within(packets[shard.slices(box.low)], coarser[there], low, dims))
+            means = self._in_coarser(shard)
+            there = means.slices(self._in_coarser(box).low)
+            yield ColumnRows(*rows_within(packets[shard.slices(box.low)], coarser[there], means.low, dims))
+
+    def _in_coarser(self, box: Box) -> Box:
+        """Where the means of a box lie."""
+        return bounds_at_level(box, self.factors)
+
+    def _halved(self, values: Voxels, second: Voxels | None, gradients: Packets) -> BlockScalars:
+        chosen = None if second is None else halved_second(values, second, self.factors)
+        return BlockScalars(halved(values, self.factors), chosen, gradients)
 
     def stored(self, packed: PackedBlock, writer: StoreWriter) -> StoredBlock:
         """Once its shards are on the disk."""
@@ -121,7 +134,7 @@ class LevelPacker:
         """Lays down for good what follows from a block besides its packets, and has the journal say that it is done."""
         box, means, extents = stored.besides.box, stored.besides.means, stored.besides.extents
         if self.coarser is not None and means is not None:
-            self.coarser.write(halved_box(box), means)
+            self.coarser.write(self._in_coarser(box), means)
             shards = self.layout.shards(self.geometry.dims, box)
             of_shards = zip(shards, stored.besides.mixtures, stored.besides.columns, strict=True)
             for shard, mixture, columns in of_shards:
@@ -132,7 +145,3 @@ class LevelPacker:
         bricks = Box((i * BRICK_FIELDS, j, k), ((i + ni) * BRICK_FIELDS, j + nj, k + nk))
         self.extents.write(bricks, extents.reshape(nk, nj, -1))
         journal.finish_shards(stored.checksums)
-
-
-def _halved(values: Voxels, second: Voxels | None, gradients: Packets) -> BlockScalars:
-    return BlockScalars(halved(values), None if second is None else halved_second(values, second), gradients)

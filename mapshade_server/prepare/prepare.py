@@ -1,10 +1,12 @@
 """Makes a packet store of a volume, from reading its header to marking the store as complete."""
 
+import math
 import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -43,6 +45,7 @@ from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.description.volume_name import absolute_name, volume_name
+from volsplat.protocol.rules.levels import factors_of
 from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.text.errors import BadInput
 
@@ -110,7 +113,8 @@ class Preparation:
         self._item_bytes = sum([item_bytes, *more_bytes])  # of a voxel
         rows = self._description.chunk[0] > options.layout.shard or not self._description.reads_sub_cubes
         held_bytes = [greatest, *more_bytes, VOXEL_PACKET_BYTES]  # gradients of coarser levels are as packets
-        self._plan = memory_plan(options.layout, dims, held_bytes, options.memory, rows)
+        of_mean = min((math.prod(factors_of(*pair)) for pair in pairwise(self._levels)), default=8)
+        self._plan = memory_plan(options.layout, dims, held_bytes, options.memory, rows, of_mean)
 
     @property
     def source_bytes(self) -> int:
@@ -232,7 +236,7 @@ class Preparation:
             survey=surveyed.survey,
             quantisation=quantisation,
             background=surveyed.background(self._description, quantisation),
-            levels=tuple(StoredLevel(str(n), 2**n, level) for n, level in enumerate(self._levels)),
+            levels=tuple(StoredLevel(str(n), level) for n, level in enumerate(self._levels)),
         )
         begin_store(self._out, attributes, self._options.layout, surveyed)
 
@@ -243,9 +247,10 @@ class Preparation:
         missing = self._begin_packing(writer, journal)
         layout, scalar_type = self._options.layout, mean_type(self._description.scalar_type)
         for n, geometry in enumerate(self._levels):
-            coarser = None
+            coarser, factors = None, (1, 1, 1)
             if n + 1 < len(self._levels):
                 coarser = self._stored(journal, str(n + 1), self._levels[n + 1].dims, scalar_type)
+                factors = factors_of(geometry, self._levels[n + 1])
             held = brick_dims(geometry.dims, layout.brick)
             extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
             mixtures = MixtureFiles(journal.folder / f"{MIXTURES}-{n + 1}")
@@ -258,6 +263,7 @@ class Preparation:
                 layout,
                 source,
                 coarser,
+                factors,
                 extents,
                 mixtures,
                 columns,

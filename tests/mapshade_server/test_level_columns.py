@@ -6,17 +6,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from reference import level_columns
 from support.scenes.arbitrary import geometries
-from support.scenes.level_packets import SIZES, as_packets, drawn_packets, halves
+from support.scenes.level_packets import FACTORS, SIZES, as_packets, drawn_packets, halves
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, depths, eye_along_axes, factor
 from volsplat.mapshade_server.held.level_columns import COLUMN_VOXELS, LevelColumns, columns_of, rows_within
 from volsplat.mapshade_server.prepare.layout import halved_geometry
-from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 
 EXACT = 1e-9
@@ -36,9 +36,9 @@ def test_there_are_as_many_columns_as_memory_allows_and_they_are_spread_evenly()
         assert len(set(zip(*(places.tolist() for places in columns.aside), strict=True))) == columns.number
 
 
-@given(dims=SIZES, seed=st.integers(0, 1000))
-def test_rows_are_those_of_the_reference(dims: tuple[int, ...], seed: int) -> None:
-    finer, coarser = drawn_packets(dims, seed), drawn_packets(halves(dims), seed + 1)
+@given(dims=SIZES, factors=FACTORS, seed=st.integers(0, 1000))
+def test_rows_are_those_of_the_reference(dims: tuple[int, ...], factors: tuple[int, ...], seed: int) -> None:
+    finer, coarser = drawn_packets(dims, seed), drawn_packets(halves(dims, factors), seed + 1)
     size = (coarser.shape[2], coarser.shape[1], coarser.shape[0])
     places, rows = rows_within(as_packets(finer), as_packets(coarser), (0, 0, 0), size)
     assert places.tolist() == list(range(len(rows)))
@@ -49,16 +49,27 @@ def test_rows_are_those_of_the_reference(dims: tuple[int, ...], seed: int) -> No
             assert torch.equal(torch.from_numpy(rows[begin : begin + columns.depth].astype(np.int64)), expected)
 
 
-@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), from_high=st.booleans())
-def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high: bool) -> None:
+@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), from_high=st.booleans(), factors=FACTORS)
+@example(seed=1, axis=2, from_high=True, factors=(2, 2, 1))
+def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high: bool, factors: Index) -> None:
     random = torch.Generator().manual_seed(seed)
     rows = drawn_packets((6, 9), seed)
     rows[-1, 5:] = level_columns.BEYOND
+    for child in range(8):
+        if any((child >> along & 1) >= factor for along, factor in enumerate(factors)):
+            rows[:, 1 + child] = level_columns.BEYOND
     finer, coarser = torch.rand((2, 65536, 3), dtype=torch.float64, generator=random)
     finer[::2, 0] = 0.0
-    expected = level_columns.seen(rows, axis, from_high, finer, coarser)
+    expected = level_columns.seen(rows, axis, from_high, finer, coarser, factors)
     got = _kernels.seen_in_columns(
-        as_packets(rows).data, 6, axis, from_high, 2, 4, finer.numpy().data, coarser.numpy().data
+        as_packets(rows).data,
+        6,
+        axis,
+        from_high,
+        factors[axis],
+        math.prod(factors) // factors[axis],
+        finer.numpy().data,
+        coarser.numpy().data,
     )
     assert got[:2] == pytest.approx(expected[:2], rel=EXACT)
     for ours, theirs in zip(got[2:], expected[2:], strict=True):

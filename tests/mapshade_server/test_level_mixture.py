@@ -10,7 +10,7 @@ from torch import Tensor
 
 from reference import level_mixtures
 from support.scenes.arbitrary import plain_scene
-from support.scenes.level_packets import SIZES, as_packets, drawn_packets, halves
+from support.scenes.level_packets import FACTORS, SIZES, as_packets, drawn_packets, halves
 from volsplat.mapshade_server._kernels import MixtureEntries, mixture_of
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
@@ -41,9 +41,9 @@ def test_bins_of_strength_rise_by_one_and_are_narrow_where_it_is_low() -> None:
     assert all(bins.count(n) <= max(bins.index(n) / 4, 1) for n in range(STRENGTH_BINS))
 
 
-@given(dims=SIZES, seed=st.integers(0, 1000))
-def test_voxels_are_counted_as_by_the_reference(dims: tuple[int, ...], seed: int) -> None:
-    finer, coarser = drawn_packets(dims, seed), drawn_packets(halves(dims), seed + 1)
+@given(dims=SIZES, factors=FACTORS, seed=st.integers(0, 1000))
+def test_voxels_are_counted_as_by_the_reference(dims: tuple[int, ...], factors: tuple[int, ...], seed: int) -> None:
+    finer, coarser = drawn_packets(dims, seed), drawn_packets(halves(dims, factors), seed + 1)
     assert torch.equal(rows_of(made(finer, coarser)), level_mixtures.mixture(finer, coarser))
 
 

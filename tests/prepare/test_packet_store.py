@@ -45,7 +45,7 @@ def ranges(length: int) -> st.SearchStrategy[tuple[int, int]]:
 @given(data=st.data())
 def test_any_box_holds_its_packets(data: st.DataObject, store: PacketStore) -> None:
     level = data.draw(st.integers(0, len(store.levels) - 1))
-    dims = store.levels[level].geometry.dims
+    dims = store.levels[level].dims
     (i0, i1), (j0, j1), (k0, k1) = (data.draw(ranges(length)) for length in dims)
     whole = store.read(level, Box((0, 0, 0), dims))
     part = store.read(level, Box((i0, j0, k0), (i1, j1, k1)))
@@ -55,14 +55,14 @@ def test_any_box_holds_its_packets(data: st.DataObject, store: PacketStore) -> N
 
 def test_level_0_is_the_volume_packed_as_one(store: PacketStore) -> None:
     geometry = store.description.geometry
-    assert geometry.dims == ODD_DIMS and store.levels[0] == (1, geometry)
+    assert geometry.dims == ODD_DIMS and store.levels[0] == geometry
     packed = packed_whole(geometry, values_of("float32"), store.quantisation)
     assert (store.read(0, geometry.box) == packed).all()
 
 
 def test_bricks_tell_what_their_voxels_hold(store: PacketStore) -> None:
     empty = 0
-    for level, (_, geometry) in enumerate(store.levels):
+    for level, geometry in enumerate(store.levels):
         packets = store.read(level, geometry.box)
         bricks = store.bricks(level)
         assert bricks.dtype == np.uint8 and bricks.shape == (*(-(-n // SMALL.brick) for n in packets.shape), 5)
@@ -168,7 +168,7 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 5, this version reads format 6; prepare the volume again"):
+    with pytest.raises(BadInput, match="of format 5, this version reads format 7; prepare the volume again"):
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
@@ -224,7 +224,7 @@ def read_whole(place: str) -> list[object]:
     """All that anybody reads of a store."""
     store = open_store(place)
     levels = [
-        (store.read(n, level.geometry.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)
+        (store.read(n, level.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)
     ]
     table = np.arange(65536.0)[:, None]
     mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]

@@ -3,12 +3,14 @@
 import fcntl
 import gzip
 import json
+import math
 import os
 import resource
 import shutil
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -35,15 +37,25 @@ from support.files.prepared import (
 )
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT, Person
+from support.scenes.arbitrary import geometries
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.packet_store import PacketStore, attributes_of, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.command import window_from_option
 from volsplat.mapshade_server.prepare.halving import halved, mean_type
-from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, halved_geometry, memory_plan
+from volsplat.mapshade_server.prepare.layout import (
+    MIB,
+    PROGRAM_BYTES,
+    Layout,
+    halved_axes,
+    halved_geometry,
+    memory_plan,
+)
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
 from volsplat.protocol.description.scene import Quantise
 from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.levels import factors_of
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
@@ -56,8 +68,8 @@ def assert_levels_are_means(store: PacketStore, values: Voxels) -> None:
     mixtures: list[torch.Tensor] = []
     table = torch.rand((65536, 2), dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     assert store.mixture(0) is None
-    for level, (factor, geometry) in enumerate(store.levels):
-        assert factor == 2**level
+    assert store.levels == tuple(SMALL.levels(store.description.geometry))
+    for level, geometry in enumerate(store.levels):
         packed = torch.from_numpy(packed_whole(geometry, values, store.quantisation).astype(np.int64))
         found = torch.from_numpy(store.read(level, geometry.box).astype(np.int64))
         if finer is None:
@@ -72,9 +84,11 @@ def assert_levels_are_means(store: PacketStore, values: Voxels) -> None:
             assert (means - level_mixtures.level_table(table, mixtures)).abs().max() <= EXACT_MEANS
         finer = found
         exact = torch.from_numpy(values.astype(np.float64))
-        values = level_means.halved(exact).numpy().astype(mean_type(scalar_type))
-    assert max(store.levels[-1].geometry.dims) <= SMALL.coarsest
-    assert all(max(geometry.dims) > SMALL.coarsest for _, geometry in store.levels[:-1])
+        if level + 1 < len(store.levels):
+            sides = level_means.sides_of(geometry.dims[::-1], store.levels[level + 1].dims[::-1])
+            values = level_means.halved(exact, sides).numpy().astype(mean_type(scalar_type))
+    assert max(store.levels[-1].dims) <= SMALL.coarsest
+    assert all(max(geometry.dims) > SMALL.coarsest for geometry in store.levels[:-1])
 
 
 @pytest.mark.parametrize("scalar_type", SCALAR_TYPES)
@@ -116,23 +130,59 @@ def test_window_and_directions_are_those_asked_for(tmp_path: Path) -> None:
     assert_levels_are_means(store, values_of("int16"))
 
 
-@given(dims=st.tuples(st.integers(1, 40), st.integers(1, 9), st.integers(1, 9)))
-def test_means_of_noise_are_those_of_the_reference(dims: Index) -> None:
+HALVED = st.tuples(st.integers(1, 2), st.integers(1, 2), st.integers(1, 2))
+
+
+@given(dims=st.tuples(st.integers(1, 40), st.integers(1, 9), st.integers(1, 9)), factors=HALVED)
+def test_means_of_noise_are_those_of_the_reference(dims: Index, factors: Index) -> None:
     values = np.random.default_rng(1).normal(size=dims)
     values[values > 1.5] = np.inf
     torch.testing.assert_close(
-        torch.from_numpy(halved(values)), level_means.halved(torch.from_numpy(values)), equal_nan=True
+        torch.from_numpy(halved(values, factors)),
+        level_means.halved(torch.from_numpy(values), factors[::-1]),
+        equal_nan=True,
     )
 
 
-@pytest.mark.parametrize("dims", [(10, 12, 14), (10, 1, 7), (1, 1, 5)])
-def test_a_coarse_voxel_lies_in_the_middle_of_those_it_is_made_of(dims: Index) -> None:
+@pytest.mark.parametrize(
+    ("dims", "factors"),
+    [((10, 12, 14), (2, 2, 1)), ((10, 1, 7), (2, 1, 1)), ((1, 12, 7), (1, 2, 1)), ((1, 1, 5), (1, 1, 2))],
+)
+def test_a_coarse_voxel_lies_in_the_middle_of_those_it_is_made_of(dims: Index, factors: Index) -> None:
     fine = Geometry(dims, SKEWED, (3.0, 4.0, 5.0))
     coarse = halved_geometry(fine)
-    assert coarse.dims == tuple(-(-n // 2) for n in dims)
+    assert coarse.dims == tuple(-(-n // factor) for n, factor in zip(dims, factors, strict=True))
     ci, cj, ck = (2 if n > 3 else 0 for n in dims)
-    middle = tuple(2 * at + 0.5 if n > 1 else 0.0 for at, n in zip((ci, cj, ck), dims, strict=True))
+    middle = tuple(factor * at + 0.5 * (factor - 1) for at, factor in zip((ci, cj, ck), factors, strict=True))
     assert coarse.physical((float(ci), float(cj), float(ck))) == pytest.approx(fine.physical(middle))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("spacing", "factors"),
+    [
+        ((1.0, 1.0, 1.0), [(2, 2, 2)] * 3),
+        ((1.0, 1.0, 1.3), [(2, 2, 2)] * 3),
+        ((1.0, 1.0, 2.0), [(2, 2, 1), (2, 2, 2), (2, 2, 2)]),
+        ((0.81, 0.81, 2.4), [(2, 2, 1), (2, 2, 1), (2, 2, 2)]),
+        ((0.45, 0.45, 5.0), [(2, 2, 1)] * 3),
+        ((8.0, 1.0, 2.0), [(1, 2, 1), (1, 2, 2), (1, 2, 2)]),
+    ],
+)
+def test_thick_slices_are_not_halved_before_voxels_are_as_wide(spacing: Vector, factors: list[Index]) -> None:
+    x, y, z = spacing
+    geometry = Geometry((512, 512, 512), ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)))
+    for expected in factors:
+        coarser = halved_geometry(geometry)
+        assert factors_of(geometry, coarser) == halved_axes(geometry) == expected
+        assert max(coarser.spacing) / min(coarser.spacing) <= max(max(spacing) / min(spacing), math.sqrt(2.0))
+        geometry = coarser
+
+
+@given(geometries())
+def test_levels_end_whatever_the_spacing(geometry: Geometry) -> None:
+    levels = Layout(coarsest=2).levels(geometry)
+    assert max(levels[-1].dims) <= 2
+    assert all(math.prod(coarse.dims) < math.prod(fine.dims) for fine, coarse in pairwise(levels))
 
 
 # -- the same bytes
@@ -253,6 +303,7 @@ def test_progress_ends_where_it_was_said_to(tmp_path: Path) -> None:
 
 MEASURED_RUN = """
 import sys
+from itertools import pairwise
 from pathlib import Path
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout

@@ -198,7 +198,7 @@ def test_what_is_lost_of_every_level_is_read_by_others(store: Path) -> None:
 
 def test_zooming_out_slowly_keeps_a_level_until_the_next_one_is_well_within_a_pixel(store: Path) -> None:
     opened = open_store(str(store))
-    grids = [level.geometry for level in opened.levels]
+    grids = opened.levels
     choice = LevelChoice(grids, {1: [grids[0].box]}, {1: 1 << 40})
     scene = Scene(tables=preset_scene("ct-skin").tables, view=View(zoom=0.45))
     assert choice.base_level(scene).level == 1
@@ -222,7 +222,7 @@ def test_any_box_of_a_level_has_the_packets_of_the_store(store: Path) -> None:
 
 def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
     opened = open_store(str(store))
-    box = opened.levels[0].geometry.box
+    box = opened.levels[0].box
     looks: list[int] = []
 
     def given_up() -> bool:
@@ -236,7 +236,7 @@ def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
 
 def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Path) -> None:
     opened, identity = identified_store(str(store))
-    boxes = [level.geometry.box for level in opened.levels]
+    boxes = [level.box for level in opened.levels]
     newest = 1
     held = HeldVolume(lambda assignment: newest > assignment)
 
@@ -257,7 +257,7 @@ def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Pat
 
 def test_levels_and_boxes_that_a_store_lacks_are_refused(store: Path) -> None:
     opened, identity = identified_store(str(store))
-    low, (i, j, k) = opened.levels[1].geometry.box
+    low, (i, j, k) = opened.levels[1].box
     for lacking, cause in (
         (LevelBoxes(len(opened.levels), [Box(low, (1, 1, 1))]), f"there is no level {len(opened.levels)}"),
         (LevelBoxes(1, [Box(low, (i, j, k + 1))]), "beyond the volume"),

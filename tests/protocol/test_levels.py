@@ -1,6 +1,7 @@
 """Levels of a volume: where their grids lie, which one a step takes, and that pictures of them agree."""
 
 import math
+from itertools import pairwise
 from random import Random
 
 import msgspec
@@ -40,11 +41,11 @@ def halvings(geometry: Geometry, count: int) -> list[Geometry]:
     return made
 
 
-def means(values: Tensor, times: int) -> Tensor:
-    """The values of a level."""
+def means(values: Tensor, grids: list[Geometry]) -> Tensor:
+    """The values of the last of these levels."""
     made = values.numpy()
-    for _ in range(times):
-        made = halved(made)
+    for finer, coarser in pairwise(grids):
+        made = halved(made, levels.factors_of(finer, coarser))
     return torch.from_numpy(np.ascontiguousarray(made, dtype=np.float64))
 
 
@@ -159,8 +160,9 @@ def test_what_is_left_out_is_counted_by_sheets_rows_and_samples(thinning: Thinni
 def test_a_level_s_image_is_the_same_for_any_partition(order: Order, number: int) -> None:
     geometry = Geometry((13, 14, 11))
     values = shells(14)[:11, :, :13].contiguous()
-    level = halvings(geometry, number)[-1]
-    coarse = means(values, number)
+    grids = halvings(geometry, number)
+    level = grids[-1]
+    coarse = means(values, grids)
     scene = shaded_scene(View(rotation=OBLIQUE, zoom=1.7), (40, 40), order)
     scene = msgspec.structs.replace(scene, bounds=Bounds(low=(1, 0, 3), high=(12, -1, 10)))
     random = Random(number)
@@ -182,8 +184,9 @@ def test_voxels_that_reach_beyond_the_bounds_are_as_much_less_opaque_as_the_refe
     order: Order, number: int
 ) -> None:
     geometry = Geometry((13, 14, 11))
-    level = halvings(geometry, number)[-1]
-    coarse = means((shells(14)[:11, :, :13] + 90).clamp(max=255), number)
+    grids = halvings(geometry, number)
+    level = grids[-1]
+    coarse = means((shells(14)[:11, :, :13] + 90).clamp(max=255), grids)
     scene = shaded_scene(View(rotation=OBLIQUE, zoom=1.7, center=(6.1, 6.6, 5.2)), (40, 40), order)
     scene = msgspec.structs.replace(scene, shading=Shading(diffuse=False, specular=False))
     for low, high in (((0, 0, 0), geometry.dims), ((1, 0, 3), (12, 13, 10))):
@@ -203,11 +206,12 @@ def test_where_striding_gives_stripes_a_level_gives_the_mean() -> None:
     geometry = Geometry((32, 32, 32))
     values = constant(geometry.dims, 0.0)
     values[:, :, 1::2] = 200.0
-    level = halvings(geometry, 2)[-1]
+    grids = halvings(geometry, 2)
     scene = plain_scene(0.02, view=View(zoom=2.0), size=(40, 40))
     inside = (slice(10, 30), slice(10, 30), 3)
     strided = rendered(values, geometry, scene, Step.A)[inside]
-    means_drawn = rendered(means(values, 2), geometry, scene, Step.A, resolution=Resolution(2, level, stride=1))[inside]
+    resolution = Resolution(2, grids[-1], stride=1)
+    means_drawn = rendered(means(values, grids), geometry, scene, Step.A, resolution=resolution)[inside]
     solid = rendered(constant(geometry.dims), geometry, scene, Step.A)[inside]
     assert strided.max() == 0.0, "of the planes that stride 4 visits, none is full"
     assert (means_drawn - solid).abs().max() <= ONE_LEVEL

@@ -107,7 +107,7 @@ def test_a_fifo_in_a_packet_store_is_refused(name: str, tmp_path: Path) -> None:
     fifo(tmp_path / "v.zarr" / name)
     program = (
         "import sys; from volsplat.mapshade_server.held.packet_store import open_store; s = open_store(sys.argv[1]); "
-        "s.read(0, s.levels[0].geometry.box)"
+        "s.read(0, s.levels[0].box)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, tmp_path / "v.zarr"], capture_output=True, encoding="utf-8", timeout=PATIENCE

@@ -6,6 +6,7 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from reference.level_means import sides_of
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
 BEYOND = (1 << 32) - 1
@@ -16,25 +17,32 @@ APART = 0.25
 def rows(finer: Tensor, coarser: Tensor, axis: int, column: int, row: int) -> Tensor:
     """Those of one column along an axis, int64 (depth, 9). It is at `column` and `row` on the two other axes."""
     found = []
+    sides = sides_of(finer.shape, coarser.shape)
     for depth in range(coarser.shape[2 - axis]):
         index = [column, row]
         index.insert(axis, depth)
         i, j, k = index
         told = [int(coarser[k, j, i])]
-        for dk, dj, di in product((0, 1), repeat=3):
-            child = (2 * k + dk, 2 * j + dj, 2 * i + di)
-            there = all(n < size for n, size in zip(child, finer.shape, strict=True))
+        for corner in product((0, 1), repeat=3):
+            child = tuple(n * side + at for n, side, at in zip((k, j, i), sides, corner, strict=True))
+            there = all(at < side for at, side in zip(corner, sides, strict=True)) and all(
+                n < size for n, size in zip(child, finer.shape, strict=True)
+            )
             told.append(int(finer[child]) if there else BEYOND)
         found.append(told)
     return torch.tensor(found)
 
 
 def seen(
-    column: Tensor, axis: int, from_high: bool, finer: Tensor, coarser: Tensor
+    column: Tensor, axis: int, from_high: bool, finer: Tensor, coarser: Tensor, sides: tuple[int, int, int] = (2, 2, 2)
 ) -> tuple[float, float, Tensor, Tensor]:
-    """Emitted by the finer and the coarser voxels of one column of 2x2x2 to each, and reflected by direction code."""
+    """Emitted by the finer and the coarser voxels of one column, and reflected by direction code.
+
+    A coarser voxel stands for so many finer ones along i, j, k.
+    """
+    places = math.prod(sides) // sides[axis]
     emitted, through = [0.0, 0.0], [1.0] * 6
-    shares = [1 - APART, 1.0, *[APART / 4] * 4]  # of finer layers, the coarser voxels, four finer columns
+    shares = [1 - APART, 1.0, *[APART / places] * 4]  # of finer layers, the coarser voxels, up to four finer columns
     reflected = [torch.zeros(CODES, dtype=torch.float64) for _ in range(2)]
 
     def layer(which: int, packets: list[int], table: Tensor, places: float) -> None:
@@ -54,10 +62,10 @@ def seen(
         if max(through[:2]) <= 1 / 1024:
             break
         there = sum(packet != BEYOND for packet in told[1:])
-        layer(1, told[:1], coarser, 8 / there)
+        layer(1, told[:1], coarser, math.prod(sides) / there)
         for side in (1, 0) if from_high else (0, 1):
             packets = [packet for n, packet in enumerate(told[1:]) if n >> axis & 1 == side]
-            layer(0, packets, finer, 4.0)
+            layer(0, packets, finer, places)
             for n, packet in enumerate(packets):
                 layer(2 + n, [packet], finer, 1.0)
     return emitted[0], emitted[1], reflected[0], reflected[1]

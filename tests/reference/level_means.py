@@ -1,5 +1,7 @@
-"""The next coarser level of a volume in plain torch: means of 2x2x2 values and gradients, the second scalar of one."""
+"""The next coarser level of a volume in plain torch: means of up to 2x2x2 values and gradients, the second scalar of
+one."""
 
+from collections.abc import Sequence
 from itertools import product
 
 import torch
@@ -12,26 +14,47 @@ from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 BORDER = 1e-12  # how near to the border between two codes a sum is for another order of rounding to take it across
 
 
-def halved(values: Tensor) -> Tensor:
-    """float64 means of the finite ones of 2x2x2 values (k, j, i), NaN where there is none."""
+Sides = tuple[int, ...]  # voxels along k, j, i that one of the level is made of
+
+CUBE: Sides = (2, 2, 2)
+
+
+def sides_of(finer: Sequence[int], coarser: Sequence[int]) -> Sides:
+    """Of two levels that have so many voxels along k, j, i."""
+    return tuple(1 if fine == coarse else 2 for fine, coarse in zip(finer, coarser, strict=True))
+
+
+def corners(sides: Sides) -> "product[tuple[int, ...]]":
+    """Where the voxels lie of which one of the level is made, the first of them at 0, 0, 0."""
+    return product(*map(range, sides))
+
+
+def corner_of(finer: Tensor, sides: Sides, corner: Sides) -> Tensor:
+    """Of every voxel of the level the one in this corner, fewer where the volume ends."""
+    return finer[tuple(slice(at, None, side) for at, side in zip(corner, sides, strict=True))]
+
+
+def halved(values: Tensor, sides: Sides = CUBE) -> Tensor:
+    """float64 means of the finite ones of so many values (k, j, i), NaN where there is none."""
     values = with_no_data_as_nan(values)
-    k, j, i = ((n + 1) // 2 * 2 for n in values.shape)
-    even = torch.full((k, j, i), torch.nan, dtype=torch.float64)
+    sizes = [-(-n // side) for n, side in zip(values.shape, sides, strict=True)]
+    even = torch.full([n * side for n, side in zip(sizes, sides, strict=True)], torch.nan, dtype=torch.float64)
     even[: values.shape[0], : values.shape[1], : values.shape[2]] = values
-    return even.reshape(k // 2, 2, j // 2, 2, i // 2, 2).nanmean(dim=(1, 3, 5))
+    (k, j, i), (dk, dj, di) = sizes, sides
+    return even.reshape(k, dk, j, dj, i, di).nanmean(dim=(1, 3, 5))
 
 
-def strongest(values: Tensor, second: Tensor) -> Tensor:
-    """The second scalar of that voxel of 2x2x2 whose value is the greatest, the first of equals along k, j, i."""
+def strongest(values: Tensor, second: Tensor, sides: Sides = CUBE) -> Tensor:
+    """The second scalar of that voxel of so many whose value is the greatest, the first of equals along k, j, i."""
     values = with_no_data_as_nan(values)
-    chosen = second[::2, ::2, ::2].clone()
+    chosen = corner_of(second, sides, (0, 0, 0)).clone()
     greatest = torch.full(chosen.shape, -torch.inf, dtype=torch.float64)
-    for dk, dj, di in product((0, 1), repeat=3):
-        corner = values[dk::2, dj::2, di::2]
+    for at in corners(sides):
+        corner = corner_of(values, sides, at)
         there = tuple(slice(0, n) for n in corner.shape)
         greater = corner > greatest[there]
         greatest[there] = torch.where(greater, corner, greatest[there])
-        chosen[there] = torch.where(greater, second[dk::2, dj::2, di::2], chosen[there])
+        chosen[there] = torch.where(greater, corner_of(second, sides, at), chosen[there])
     return chosen
 
 
@@ -57,7 +80,8 @@ def with_gradients_of(
     Strength is the mean of up to eight, direction that of the sum of their unit vectors; the longer that is, for so
     many, the less rough. The sum is moved by the nudge, in parts of it, before it is coded.
     """
-    here = [finer[dk::2, dj::2, di::2] for dk, dj, di in product((0, 1), repeat=3)]
+    sides = sides_of(finer.shape, packed.shape)
+    here = [corner_of(finer, sides, at) for at in corners(sides)]
     mean_of = directions(scheme).clone()
     if scheme == "rough":
         mean_of[: len(AGREEMENTS) * ROUGH_DIRECTIONS] *= (

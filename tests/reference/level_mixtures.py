@@ -1,10 +1,9 @@
 """What the voxels of a coarser level stand for, and what that makes of tables, in plain float64 torch."""
 
-from itertools import product
-
 import torch
 from torch import Tensor
 
+from reference.level_means import corner_of, corners, sides_of
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIN, NO_DATA_BIT, strength_bin
 
 _STRENGTHS = torch.tensor([strength_bin(strength) for strength in range(256)])
@@ -20,8 +19,9 @@ def mixture(finer: Tensor, coarser: Tensor) -> Tensor:
     """How many voxels with data of a level (k, j, i) have each bin and are the mean of a voxel of each bin: rows of
     that bin, this one, and the number."""
     pairs = []
-    for dk, dj, di in product((0, 1), repeat=3):
-        corner = finer[dk::2, dj::2, di::2]
+    sides = sides_of(finer.shape, coarser.shape)
+    for at in corners(sides):
+        corner = corner_of(finer, sides, at)
         mean = coarser[tuple(slice(0, n) for n in corner.shape)]
         pairs.append(torch.stack((bins(mean), bins(corner)), dim=-1).reshape(-1, 2))
     both, counts = torch.unique(torch.cat(pairs), dim=0, return_counts=True)

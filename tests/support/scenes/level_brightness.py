@@ -18,6 +18,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.view_rotation import rotation_from_angles
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.levels import thickness_of
 
 SIDES = ((0.0, 0.0), (35.0, 25.0))  # azimuth and elevation
 JUST_ABOVE = 1.0001  # of the zoom at which a level takes over: there the finer one is drawn
@@ -33,7 +35,8 @@ class Bright(NamedTuple):
 
 def measured(preset: str, level: int, side: tuple[float, float], plain: SingleProcess, levels: SingleProcess) -> Bright:
     scene = preset_scene(preset, plain.volume.subject())
-    zoom = 0.5**level
+    grids = levels_of(levels)
+    zoom = 1.0 / thickness_of(grids[0], grids[level])
     pixels = math.ceil(AROUND * zoom * max(plain.volume.description.geometry.dims))
 
     def at(zoom: float) -> Scene:
@@ -51,17 +54,17 @@ def measured(preset: str, level: int, side: tuple[float, float], plain: SinglePr
 
 def row(preset: str, plain: SingleProcess, levels: SingleProcess) -> str:
     cells = []
-    for level in range(1, levels_of(levels)):
+    for level in range(1, len(levels_of(levels))):
         by_side = [measured(preset, level, side, plain, levels) for side in SIDES]
         cells.append(", ".join(f"{bright.of_volume:.2f}" for bright in by_side))
         cells.append(f"{max((bright.jump for bright in by_side), key=abs):+.1f}")
     return " | ".join(cells)
 
 
-def levels_of(renderer: SingleProcess) -> int:
+def levels_of(renderer: SingleProcess) -> tuple[Geometry, ...]:
     prepared = renderer.volume.prepared
     assert prepared is not None
-    return len(prepared.levels)
+    return prepared.levels
 
 
 def print_rows(volume: str) -> None:
@@ -69,7 +72,7 @@ def print_rows(volume: str) -> None:
         store = Path(folder) / "levels.zarr"
         prepare(volume, store, Options(), Silent())
         with SingleProcess(store) as levels:
-            if levels_of(levels) == 1:
+            if len(levels_of(levels)) == 1:
                 print(f"| {Path(volume).name} | has no levels beside the volume itself |")
                 return
             for preset in PRESETS:

@@ -8,6 +8,7 @@ from torch import Tensor
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 
 SIZES = st.tuples(st.integers(1, 9), st.integers(1, 9), st.integers(1, 9))
+FACTORS = st.tuples(st.integers(1, 2), st.integers(1, 2), st.integers(1, 2))  # voxels of one of the coarser level
 
 
 def drawn_packets(dims: tuple[int, ...], seed: int, densities: int = 256) -> Tensor:
@@ -18,8 +19,8 @@ def drawn_packets(dims: tuple[int, ...], seed: int, densities: int = 256) -> Ten
     return packets | (torch.rand(dims, generator=random) < 0.1).long() << NO_DATA_BIT
 
 
-def halves(dims: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple((n + 1) // 2 for n in dims)
+def halves(dims: tuple[int, ...], factors: tuple[int, ...] = (2, 2, 2)) -> tuple[int, ...]:
+    return tuple(-(-n // factor) for n, factor in zip(dims, factors, strict=True))
 
 
 def as_packets(packets: Tensor) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint32]]":
