@@ -223,9 +223,7 @@ def files_of(folder: Path) -> list[Path]:
 def read_whole(place: str) -> list[object]:
     """All that anybody reads of a store."""
     store = open_store(place)
-    levels = [
-        (store.read(n, level.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)
-    ]
+    levels = [(store.read(n, level.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)]
     table = np.arange(65536.0)[:, None]
     mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]
     seen = [

@@ -84,7 +84,7 @@ def both_scalars(volume: str) -> tuple[Voxels, Voxels]:
 
 def test_all_levels_are_those_of_the_reference(volume: str, store: PacketStore) -> None:
     values, phases = both_scalars(volume)
-    assert len(store.levels) == 3 and not store.quantisation.has_strength
+    assert len(store.levels) == 4 and not store.quantisation.has_strength
     finer: torch.Tensor | None = None
     for level, geometry in enumerate(store.levels):
         packed = packed_whole(geometry, values, store.quantisation, phases, DEGREES)
