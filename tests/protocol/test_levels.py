@@ -157,9 +157,9 @@ def test_what_is_left_out_is_counted_by_sheets_rows_and_samples(thinning: Thinni
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
-@pytest.mark.parametrize("number", [1, 2])
-def test_a_level_s_image_is_the_same_for_any_partition(order: Order, number: int) -> None:
-    geometry = Geometry((13, 14, 11))
+@pytest.mark.parametrize(("number", "between_slices"), [(1, 1.0), (2, 1.0), (2, 3.0)])
+def test_a_level_s_image_is_the_same_for_any_partition(order: Order, number: int, between_slices: float) -> None:
+    geometry = Geometry((13, 14, 11), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, between_slices)))
     values = shells(14)[:11, :, :13].contiguous()
     grids = halvings(geometry, number)
     level = grids[-1]
@@ -181,10 +181,12 @@ def test_a_level_s_image_is_the_same_for_any_partition(order: Order, number: int
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("between_slices", [1.0, 3.0])
 def test_voxels_that_reach_beyond_the_bounds_are_as_much_less_opaque_as_the_reference_s(
-    order: Order, number: int
+    order: Order, number: int, between_slices: float
 ) -> None:
-    geometry = Geometry((13, 14, 11))
+    """Of cubes, and of thick slices, of which levels have all."""
+    geometry = Geometry((13, 14, 11), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, between_slices)))
     grids = halvings(geometry, number)
     level = grids[-1]
     coarse = means((shells(14)[:11, :, :13] + 90).clamp(max=255), grids)

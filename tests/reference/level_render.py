@@ -20,35 +20,38 @@ TERMS = 4000
 def render_level(
     packets: Tensor, geometry: Geometry, level: Geometry, quantisation: Quantisation, scene: Scene, partial: bool = True
 ) -> Tensor:
-    """Step F of a level whose voxels are 2^n of the volume's on each axis, at a pixel a voxel of the volume or more.
+    """Step F of a level each of whose voxels is made of some of the volume's, as many on each axis.
 
     `geometry` is the volume's. The scene has a centre and bounds in numbers. Not `partial`: voxels that reach beyond
     the bounds are as opaque as others.
     """
-    factor = round(level.spacing[0] / geometry.spacing[0])
-    assert isinstance(scene.view.zoom, float) and scene.view.zoom >= 1.0 and not isinstance(scene.view.center, str)
-    middle = [(at + 0.5) / factor - 0.5 for at in scene.view.center]
+    factors = [round(coarse / fine) for coarse, fine in zip(level.spacing, geometry.spacing, strict=True)]
+    thickness = math.prod(factors) ** (1 / 3)
+    assert isinstance(scene.view.zoom, float) and not isinstance(scene.view.center, str)
+    middle = [(at + 0.5) / factor - 0.5 for at, factor in zip(scene.view.center, factors, strict=True)]
     low, high = scene.bounds.low, scene.bounds.high
-    i, j, k = (n // factor for n in low)
-    last_i, last_j, last_k = (-(-n // factor) for n in high)
+    i, j, k = (n // factor for n, factor in zip(low, factors, strict=True))
+    last_i, last_j, last_k = (-(-n // factor) for n, factor in zip(high, factors, strict=True))
     own = msgspec.structs.replace(
         scene,
-        view=msgspec.structs.replace(scene.view, zoom=scene.view.zoom * factor, center=tuple(middle)),
+        view=msgspec.structs.replace(scene.view, zoom=scene.view.zoom * thickness, center=tuple(middle)),
         bounds=Bounds(low=(i, j, k), high=(last_i, last_j, last_k)),
     )
     plan = plan_frame(own, level, Step.F).upright
-    gain = _gain(factor)
+    footprint = footprint_of(mapping.steps_on_screen(own, level), scene.view.zoom * thickness, 1, scene.reconstruction)
+    of_volume = footprint_of(mapping.steps_on_screen(scene, geometry), scene.view.zoom, 1, scene.reconstruction)
+    gain = _gain(thickness, footprint.amplitude, of_volume.amplitude)
     samples = mapping.samples_of(own, level, plan)
-    begin = samples.indices * factor
-    inside = torch.minimum(begin + factor, torch.tensor(high)) - torch.maximum(begin, torch.tensor(low))
-    share = (inside / factor).prod(dim=1) if partial else torch.ones(len(begin))
+    on_axes = torch.tensor(factors)
+    begin = samples.indices * on_axes
+    inside = torch.minimum(begin + on_axes, torch.tensor(high)) - torch.maximum(begin, torch.tensor(low))
+    share = (inside / on_axes).prod(dim=1) if partial else torch.ones(len(begin))
     at_i, at_j, at_k = samples.indices.unbind(1)
     here = packets[at_k, at_j, at_i]
     fields = shading.field_bytes(plan, level, "rough", samples.indices, here)
     directions = voxel_packets.directions("rough")
-    colour, opacity = shading.shade(here, fields, own, Step.F, factor / gain * share.double(), directions)
+    colour, opacity = shading.shade(here, fields, own, Step.F, thickness / gain * share.double(), directions)
     shaded = render.Shaded(samples, colour, opacity)
-    footprint = footprint_of(mapping.steps_on_screen(own, level), scene.view.zoom * factor, 1, scene.reconstruction)
     buffer = torch.zeros((plan.height * plan.width, 4), dtype=torch.float64)
 
     def weights(chosen: mapping.Samples, pixel_x: Tensor, pixel_y: Tensor) -> Tensor:
@@ -59,14 +62,14 @@ def render_level(
     return buffer.reshape(plan.height, plan.width, 4)
 
 
-def _gain(factor: int) -> float:
-    """2.4 u with Li2(u) = f Li2(1 / 2.4), as footprints of both have the amplitude 1."""
-    through = factor * _dilogarithm(1 / LEAST_PEAK)
+def _gain(thickness: float, amplitude: float, of_volume: float) -> float:
+    """2.4 u / A with Li2(u) = f (A / B) Li2(B / 2.4), A and B being the amplitudes of the level and the volume."""
+    through = thickness * amplitude / of_volume * _dilogarithm(min(of_volume / LEAST_PEAK, 1.0))
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (middle, high) if _dilogarithm(middle) < through else (low, middle)
-    return max(LEAST_PEAK * low, 1.0)
+    return max(LEAST_PEAK * low / amplitude, 1.0)
 
 
 def _dilogarithm(x: float) -> float:
