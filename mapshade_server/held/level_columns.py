@@ -17,7 +17,7 @@ from volsplat.protocol.rules.levels import factors_of, thickness_of
 
 COLUMN_VOXELS = 1 << 16  # of a level, some more where columns are long
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
-BEYOND = np.uint32(0xFFFFFFFF)  # in the place of a voxel beyond the volume, or of a second one if an axis is not halved
+BEYOND = np.uint32(0xFFFFFFFF)  # in the place of a voxel beyond the volume, or a second one if an axis is whole
 
 GOLDEN_PART = 40503  # of 2^16, the golden ratio: places follow each other evenly, however many there are
 GOLDEN_BITS = 16

@@ -7,8 +7,8 @@
 
 namespace volsplat {
 
-// Rows of a packet of the coarser level and the eight that it stands for, i fastest; kBeyond where there is none: beyond
-// the volume, and second ones along an axis that is not halved.
+// Rows of a packet of the coarser level and the eight that it stands for, i fastest; kBeyond where there is none:
+// beyond the volume, and second ones along an axis that is not halved.
 struct ColumnView {
     static constexpr int kRow = 9;
     static constexpr std::uint32_t kBeyond = 0xFFFFFFFFu;

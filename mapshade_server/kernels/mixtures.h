@@ -39,7 +39,8 @@ private:
     void leave_open(int bits);
 };
 
-// Of 2x2x2 finer voxels to each coarser one, fewer at an odd end and along axes that both have as many voxels of. Throws std::invalid_argument for other sizes.
+// Of 2x2x2 finer voxels to each coarser one, fewer at an odd end, and along axes on which both have as many voxels.
+// Throws std::invalid_argument for other sizes.
 MixtureEntries mixture_of(const PacketView& finer, const PacketView& coarser);
 
 // Of a table over density | strength << 8 with so many numbers to an entry: the mean of each bin, and zeros for no

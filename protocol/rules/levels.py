@@ -1,8 +1,9 @@
 """Drawing a volume that was prepared at several resolutions: which of them a step takes, and where its grid lies.
 
 Level 0 is the volume itself. Each further level halves axes of the grid (not those of one voxel, nor of much longer
-steps than others): voxel n of a level stands for the voxels f n to f (n + 1) - 1 of level 0, f being its factor on that axis, so its middle lies at level 0's
-f (n + 1/2) - 1/2. A scene always speaks of level 0's grid and spacing, whatever level is drawn.
+steps than others): voxel n of a level stands for the voxels f n to f (n + 1) - 1 of level 0, f being its factor on that
+axis, so its middle lies at level 0's f (n + 1/2) - 1/2. A scene always speaks of level 0's grid and spacing, whatever
+level is drawn.
 """
 
 import math
@@ -166,7 +167,7 @@ def index_in_volume(index: Index, factors: Index, dims: Index) -> Index:
 def finest_needed(levels: Sequence[Geometry], zoom: float) -> int:
     """The coarsest level whose voxels are no larger than a pixel; level 0 where none is.
 
-    How large a voxel is its reference spacing says: slices may be thicker than a pixel, at level 0 already, where voxels
+    How large a voxel is its reference spacing says: slices may be thicker than a pixel, even at level 0, while voxels
     are narrower. `zoom` is pixels per reference spacing of the volume.
     """
     sizes = (zoom * thickness_of(levels[0], level) for level in levels)
