@@ -1,6 +1,6 @@
 """Volumes that were prepared: drawn by levels from a packet store, by sessions and single processes alike."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -12,7 +12,7 @@ from support.files.head_volume import skin
 from support.files.silent_progress import Silent
 from support.patience import wait_until
 from support.programs.server_processes import is_server
-from support.scenes.level_brightness import SIDES, measured
+from support.scenes.level_brightness import SIDES, Bright, measured
 from tolerances import LEVEL_BRIGHTNESS, THIN_LEVEL_BRIGHTNESS
 from volsplat.client import Session
 from volsplat.client.coordinator.base_level import LevelChoice, budgets
@@ -274,6 +274,12 @@ def test_who_holds_nothing_of_a_level_refuses_to_count_it(store: Path) -> None:
         held.answers(CountHistograms(1, 0.0, 255.0, 1.0))
 
 
+def measured_from_two_sides(preset: str, numbers: Sequence[int], plain: SingleProcess, store: Path) -> list[Bright]:
+    """Levels of a store, of the volume that `plain` draws."""
+    with SingleProcess(store) as levels:
+        return [measured(preset, number, side, plain, levels) for number in numbers for side in SIDES]
+
+
 @pytest.mark.parametrize(
     ("volume", "preset"),
     [
@@ -290,7 +296,17 @@ def test_levels_of_what_is_thin_are_as_bright_as_the_volume(
     with SingleProcess(name) as plain:
         a_quarter = max(plain.volume.description.geometry.dims) // 4 + 1
         prepare(name, out, Options(layout=Layout(coarsest=a_quarter)), Silent())
-        with SingleProcess(out) as levels:
-            bright = [measured(preset, level, side, plain, levels) for level in (1, 2) for side in SIDES]
+        bright = measured_from_two_sides(preset, (1, 2), plain, out)
     assert max(abs(one.of_volume - 1.0) for one in bright) <= THIN_LEVEL_BRIGHTNESS
+    assert max(abs(one.jump) for one in bright) <= 2.0
+
+
+def test_a_level_of_thick_slices_is_as_bright_as_the_volume(shared_data: Path, tmp_path: Path) -> None:
+    """Three times as far apart as pixels: halved with these, they would jump by 3.5/255."""
+    name, out = str(shared_data / "nifti" / "CT_pitch.nii.gz"), tmp_path / "levels.zarr"
+    with SingleProcess(name) as plain:
+        prepare(name, out, Options(), Silent())
+        bright = measured_from_two_sides("ct-skin", (1,), plain, out)
+    assert open_store(str(out)).levels[1].dims == (88, 124, 58)
+    assert max(abs(one.of_volume - 1.0) for one in bright) <= 0.03
     assert max(abs(one.jump) for one in bright) <= 2.0
