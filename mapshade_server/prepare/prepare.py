@@ -13,6 +13,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.packet_store import (
     BRICK_FIELDS,
     BRICKS,
@@ -135,6 +136,7 @@ class Preparation:
 
     def run(self, pool: TaskPool | None) -> None:
         """From wherever an earlier run was ended to the finished store."""
+        _kernels.give_freed_memory_back()  # threads pack blocks whose means are of many sizes
         journal = Journal(self._out, self._wish)
         sweep(self._out)
         with self._executor(pool, journal) as executor:
