@@ -6,7 +6,6 @@ from nicegui import ui
 
 from volsplat.client.ui.controls.page_frame import page_frame, theme_button
 from volsplat.client.ui.controls.scene_upload import SceneUpload
-from volsplat.client.ui.controls.until_connected import until_connected
 from volsplat.client.ui.opening.dropped_files import DroppedFiles, refuse
 from volsplat.client.ui.opening.open_dialog import OpenDialog
 from volsplat.client.ui.opening.opening import Opening
@@ -51,7 +50,7 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             DroppedFiles(scenes, dialog.offer if dialog is not None else refuse)
             theme_button()
             Drawers()
-        with ui.element("aside").classes("vs-left").props("aria-label=scene") as left:
+        with ui.element("aside").classes("vs-left").props("aria-label=scene"):
             scene_panels(viewing)
         with ui.element("section").classes("vs-view").props("aria-label=picture"):
             viewport_element(viewing.default_scene.view.rotation, viewing.number)
@@ -59,11 +58,10 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             PhaseLegend(viewing)
             if restart is not None:
                 StartAgain(viewing, restart)
-        with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"') as right:
+        with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"'):
             tables_panel(viewing)
         with ui.element("footer").classes("vs-foot").props("role=contentinfo"):
             servers_panel(viewing)
         Folding()
         PanelWidths()
-        until_connected(left, right)
     early_picture(viewing)  # last, since the first picture may be finished meanwhile

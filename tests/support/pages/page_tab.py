@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 def opened(page: Page, url: str) -> Page:
     page.goto(url)
     page.wait_for_function(REFINED)
-    page.locator("aside.vs-left:not([inert])").wait_for(state="attached")
     return page
 
 
