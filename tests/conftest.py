@@ -5,7 +5,6 @@ import signal
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
-import psutil
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
@@ -44,14 +43,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--processor-time"):
         config.pluginmanager.register(ProcessorTime())
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """One more than there are cores, for `-n auto`: a worker waits a fifth of its time for programs that it runs."""
-    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ or config.option.numprocesses != "auto":
-        return None
-    return (psutil.cpu_count(logical=False) or 1) + 1
 
 
 @pytest.hookimpl(wrapper=True)
