@@ -85,7 +85,6 @@ def test_keys_work_on_a_fresh_page(page: Page) -> None:
 
 def test_what_is_typed_or_moved_by_arrows_is_not_for_the_viewport(page: Page) -> None:
     sent = "() => window.volsplatViewport.sent.length"
-    before = page.evaluate(sent)
     field = page.get_by_label("centre i")
 
     def holds_what_is_typed() -> bool:
@@ -96,6 +95,9 @@ def test_what_is_typed_or_moved_by_arrows_is_not_for_the_viewport(page: Page) ->
         return field.input_value() == "1f5?"
 
     until(page, holds_what_is_typed)
+    before = page.evaluate(sent)
+    page.keyboard.type("f?")
+    until(page, lambda: field.input_value() == "1f5?f?")
     page.keyboard.press("Escape")
     page.get_by_label("shift of all tables by density").focus()
     page.keyboard.press("ArrowRight")
