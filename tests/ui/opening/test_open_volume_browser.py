@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened
 from support.pages.viewed import Viewed, viewed
 from support.patience import wait_until
+from support.programs.server_processes import words_of
 from volsplat.bench.page_drag import REFINED
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -173,19 +173,12 @@ def held(view: Viewed, before: set[int]) -> list[psutil.Process]:
 
     def new() -> list[psutil.Process]:
         below = psutil.Process(view.process.pid).children()
-        return [one for one in below if one.pid not in before and FORK_SERVER in _words(one)]
+        return [one for one in below if one.pid not in before and FORK_SERVER in words_of(one)]
 
     wait_until(lambda: bool(new()), "new servers start")
     for one in (found := new()):
         one.suspend()
     return found
-
-
-def _words(process: psutil.Process) -> list[str]:
-    """None of one that has just ended."""
-    with suppress(psutil.NoSuchProcess):
-        return process.cmdline()
-    return []
 
 
 def running(view: Viewed) -> set[int]:
