@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape, Words
 from volsplat.client.figure.type_faces import size_within, width_of
-from volsplat.client.histogram.density_histogram import density_histogram
-from volsplat.client.scene.class_scenes import numbered_classes
+from volsplat.client.scene.class_scenes import class_bytes, classes_of
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.field_axis import FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import CLASS_KINDS
 from volsplat.protocol.description.scene import GRID_FIELDS, TABLE_ENTRIES, Colour, Field, Scene
 from volsplat.protocol.description.volume import GridAxis
-from volsplat.protocol.rules.index_rules import Quantisation
 
 LAST = TABLE_ENTRIES - 1
 ALIKE = 1.5 / 255  # by how much colours that count as the same differ
@@ -191,20 +189,13 @@ def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], 
     strips, opacities = _strips(scene), scene.tables.opac.entries()
     if not strips:
         return ()
-    rules = volume.quantisation(scene.quantise)
-    colours = strips[-1][1].colours
-    counts = density_histogram(volume.survey, volume.density_counts, rules.window).counts
-    told = []
-    bands = description.bands or numbered_classes(volume.survey.low, volume.survey.high)
-    for band in sorted(bands, key=lambda band: band.low):
-        low, high = (_entry(value, rules) for value in (band.low, band.high))
+    subject, colours = volume.subject(scene.quantise), strips[-1][1].colours
+    counts, told = subject.histogram.counts, []
+    for band in classes_of(subject):
+        low, high = class_bytes(subject, band)
         if max(opacities[low : high + 1]) >= LEAST_OPACITY and any(counts[low : high + 1]):
             told.append((band.name, colours[(low + high) // 2]))
     return tuple(told) if len(told) <= MOST_CLASSES else ()
-
-
-def _entry(value: float, rules: Quantisation) -> int:
-    return round(min(max((value - rules.window[0]) * rules.density_scale, 0.0), LAST))
 
 
 def _rows(legend: Sequence[tuple[str, Colour]], width: int, em: int) -> list[list[tuple[float, tuple[str, Colour]]]]:

@@ -26,14 +26,14 @@ CPK = {
 
 def classes_scene(subject: Subject) -> Scene | None:
     """Each class in its colour, solid; None if the file does not tell the classes and nothing lets guess them."""
-    bands = subject.bands or numbered_classes(subject.values.low, subject.values.high)
+    bands = classes_of(subject)
     if not bands:
         return None
     table = class_colours(subject, bands)
     points: list[tuple[float, float]] = []
     rises = subject.kind is Kind.ELEMENTS
     clear_from = 0
-    for band in sorted(bands, key=lambda band: band.low):
+    for band in bands:
         start, end = class_bytes(subject, band)
         start, end = max(start, clear_from), max(end, clear_from)  # of classes too near for bytes each has the next
         if start > LAST:
@@ -76,7 +76,13 @@ def class_bytes(subject: Subject, band: Band) -> tuple[int, int]:
     return round(at(band.low) * LAST), round(at(band.high) * LAST)
 
 
-def numbered_classes(low: float, high: float) -> tuple[Band, ...]:
-    """Each whole number above 0 as a class of its own, as far as bytes tell them apart; 0 is the background."""
-    first = max(int(low), 1)
-    return tuple(Band(str(n), n, n) for n in range(first, min(int(high), first + TABLE_ENTRIES) + 1))
+def classes_of(subject: Subject) -> tuple[Band, ...]:
+    """Those that the file tells, by value; else each whole number above 0, as far as bytes tell them apart.
+
+    0 is the background.
+    """
+    if subject.bands:
+        return tuple(sorted(subject.bands, key=lambda band: band.low))
+    first = max(int(subject.values.low), 1)
+    last = min(int(subject.values.high), first + TABLE_ENTRIES)
+    return tuple(Band(str(n), n, n) for n in range(first, last + 1))
