@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.rules.levels import dims_at_level
 
 ALL_AXES: Index = (2, 2, 2)
 SHEETS_AT_A_TIME = 16  # so that sums take little memory beside the source
@@ -33,8 +34,8 @@ def halved(values: Voxels, factors: Index = ALL_AXES) -> NDArray[Any]:
 
 def halved_shape(shape: Sequence[int], factors: Index) -> tuple[int, int, int]:
     """Of an array (k, j, i)."""
-    k, j, i = (-(-n // factor) for n, factor in zip(shape, reversed(factors), strict=True))
-    return (k, j, i)
+    k, j, i = shape
+    return dims_at_level((k, j, i), factors[::-1])
 
 
 def halved_sheets(k: int, factors: Index, count: int = SHEETS_AT_A_TIME) -> slice:
