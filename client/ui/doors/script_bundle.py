@@ -2,10 +2,16 @@
 
 They stay ECMAScript modules where they lie, each of which a browser could load alone; here each becomes a function that
 runs once and returns what it exports. Imports stand at the left edge and name what they take, as formatters write them.
+
+NiceGUI asks for a component's module once more when an element of its kind first changes, and registers its default
+export: were that another instance, Vue would build all elements of the kind anew, with what was typed in them lost and
+what was dragged let go. So the page's import map names the bundle in its place, which the browser has, and which has no
+default: app.component() without a component registers none.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from hashlib import sha256
@@ -21,7 +27,8 @@ BUNDLES_PATH = "/volsplat/scripts"
 
 _IMPORT = re.compile(r'^import (?:\{([^}]*)\}|\* as (\w+)) from "([^"]+)";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export (default |(?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
-_COMPONENT = re.compile(rb'import \{ default as (\w+) \} from "[^"]*/components/([^"]+)";\n?')
+_COMPONENT = re.compile(rb'import \{ default as (\w+) \} from "([^"]*/components/([^"]+))";\n?')
+_IMPORT_MAP = re.compile(rb'<script\b[^>]* type="importmap"[^>]*>\s*\{"imports": \{')
 _PRELOAD = re.compile(rb'<link rel="modulepreload" href="[^"]*/components/[^"]+" />\s*')
 
 
@@ -34,11 +41,8 @@ class ScriptBundles:
 
     def in_page(self, html: bytes) -> bytes:
         """The page with one script where NiceGUI put one for each component."""
-        components = {
-            found[1].decode(): js_components[found[2].decode()]
-            for found in _COMPONENT.finditer(html)
-            if found[2].decode() in js_components
-        }
+        found = [match for match in _COMPONENT.finditer(html) if match[3].decode() in js_components]
+        components = {match[1].decode(): js_components[match[3].decode()] for match in found}
         if not components:
             return html
         keys = tuple(component.key for component in components.values())
@@ -46,9 +50,11 @@ class ScriptBundles:
             script = bundled({name: component.path for name, component in components.items()}).encode()
             self._names[keys] = name = f"{sha256(script).hexdigest()[:16]}.js"
             self._scripts[name] = script
-        address = f".{BUNDLES_PATH}/{self._names[keys]}".encode()
-        imported = b'import { %b } from "%b";\n' % (", ".join(components).encode(), address)
-        preload = b'<link rel="modulepreload" href="%b" />\n' % address
+        address = f".{BUNDLES_PATH}/{self._names[keys]}"
+        imported = f'import {{ {", ".join(components)} }} from "{address}";\n'.encode()
+        preload = f'<link rel="modulepreload" href="{address}" />\n'.encode()
+        mapped = "".join(f"{json.dumps(match[2].decode())}: {json.dumps(address)}, " for match in found).encode()
+        html = _IMPORT_MAP.sub(lambda head: head[0] + mapped, html, count=1)
         return _instead(_COMPONENT, imported, _instead(_PRELOAD, preload, html))
 
     async def script(self, name: str) -> Response:

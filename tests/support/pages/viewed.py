@@ -53,12 +53,6 @@ class Viewed:
         """What a browser gets for the token."""
         return patient_http.get(self.url).headers["set-cookie"].partition(";")[0]
 
-    def page(self) -> str:
-        """The page's HTML."""
-        answer = patient_http.get(self.url, follow_redirects=True)
-        assert answer.status_code == 200
-        return answer.text
-
     def mapshade_servers(self) -> list[psutil.Process]:
         return [server for server in self.person.servers() if is_server(server, "mapshade_server")]
 
