@@ -60,9 +60,7 @@ def test_the_page_asks_for_one_script_of_ours_and_keeps_it(view: Viewed, browser
 
 def test_no_element_is_built_anew_when_its_kind_first_changes(view: Viewed, browser_page: Page) -> None:
     asked: list[str] = []
-    opened(
-        browser_page, view.url
-    )  # the scene takes this window's size, and fields change; when it is loaded anew, none do
+    opened(browser_page, view.url)  # fields change when the scene takes this window's size; loaded anew, none do
     page = opened(browser_page, view.url)
     page.on("request", lambda request: asked.append(request.url))
     field, other = page.get_by_label("centre i"), page.get_by_label("centre j")
