@@ -1,5 +1,6 @@
 // Prints a sum of what the baseline kernels of both servers make of made-up numbers, without Python: the same on every
 // machine, so that a processor can be tried that is only emulated (`make aarch64`).
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
@@ -131,6 +132,107 @@ void splat_row(std::uint64_t& sum, const std::vector<std::uint64_t>& packets, bo
     add(sum, work, work.size());
 }
 
+// Voxels added to planes, in sums of so many bits, and the densities that come of them: kBlockPlanes for each pixel.
+template <class Number, class Splat, class Find>
+std::vector<float> slab_densities(std::uint64_t& sum, const Splat& splat, const Find& find_densities) {
+    typedef SumLayout<Number> Layout;
+    constexpr int kBits = 2, kSlices = 5, kRows = 7, kColumns = 6, kPlanes = 2 * kBlockPlanes;
+    constexpr int kLines = kTileLines, kOffsets = 1 << (2 * kBits + kDepthBits);
+    Chance chance;
+    const auto weights = filled<typename Layout::Weight>(kOffsets * kRows * kColumns * kSlices + 2 * kWeightMargin,
+                                                         [&] { return (chance.unit() - 0.1) * Layout::kUnit / 80; });
+    std::vector<RowSpan> spans((1 << (kBits + kDepthBits)) * kRows, RowSpan{0, kColumns});
+    std::vector<Number> slice_bits(kSlices + 2 * kPlanesAtOnce), sums(kLines * kTileColumns * kPlanes + kPlanesAtOnce);
+    std::fill_n(slice_bits.begin() + kPlanesAtOnce, kSlices, ~Number{0});
+    std::vector<std::uint8_t> touched(2 * (kLines / kTileLines));
+    SlabTableView table{};
+    table.weights = weights.data() + kWeightMargin, table.spans = spans.data();
+    table.slice_bits = slice_bits.data() + kPlanesAtOnce;
+    table.offset_bits = kBits, table.slices = kSlices, table.rows = kRows, table.columns = kColumns;
+    SlabSums planes{};
+    planes.sums = sums.data(), planes.pitch = planes.columns = kTileColumns, planes.planes = kPlanes;
+    planes.lines = kLines, planes.touched = touched.data();
+    planes.tile_rows = kLines / kTileLines, planes.tiles = 1;
+    planes.bias = Layout::kSignedBias, planes.least = static_cast<std::int32_t>(Layout::kUnit / 16);
+    const auto some = [&](int end) { return static_cast<int>(chance.unit() * end); };
+    const auto voxels = filled<SlabVoxel>(kVoxels, [&] {
+        return SlabVoxel{some(kTileColumns - kColumns),
+                         some(kLines) - kRows / 2,
+                         static_cast<std::uint32_t>(some(1 << 2 * kBits)),
+                         static_cast<std::uint8_t>(some(1 << kDepthBits)),
+                         static_cast<std::uint8_t>(some(kBlockPlanes)),
+                         static_cast<std::uint8_t>(some(256))};
+    });
+    splat(table, planes, voxels.data(), voxels.size());
+    add(sum, sums, sums.size());
+    find_densities(planes, sums.data(), kLines * kTileColumns);
+    std::vector<float> found(kLines * kTileColumns * kBlockPlanes);
+    for (int pixel = 0; pixel < kLines * kTileColumns; ++pixel)
+        std::memcpy(&found[pixel * kBlockPlanes], &sums[pixel * kPlanes], kBlockPlanes * sizeof(float));
+    add(sum, found, found.size());
+    return found;
+}
+
+// Pixels of a slab by made-up tables and light.
+void colour_slab(std::uint64_t& sum, const std::vector<float>& densities) {
+    Chance chance;
+    const auto signed_unit = [&] { return 2 * chance.unit() - 1; };
+    SlabScene scene{{Field::density, Field::strength, Field::density, Field::gradient_k},
+                    {},
+                    {},
+                    {},
+                    {},
+                    {0.6, 0.0, 0.8},
+                    {0.0, 0.6, 0.8},
+                    true,
+                    true,
+                    false,
+                    12.5,
+                    0.3,
+                    0.4};
+    for (int n = 0; n < kTableEntries; ++n) {
+        for (double* entry : {scene.emit[n], scene.refl[n]})
+            for (int channel = 0; channel < 3; ++channel) entry[channel] = chance.unit();
+        scene.modu[n] = chance.unit();
+    }
+    SlabGrid grid{{}, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, 0.7, {}, {64, 64, 64}, {1, 1, 1}};
+    for (auto& row : grid.gradient)
+        for (double& number : row) number = signed_unit();
+    grid.screen_bytes[2][0] = 20, grid.screen_bytes[2][3] = 3;
+    const SlabRays rays{{3, 4, 5}, {0.9, 0.1, 0.2}, {0.1, 0.8, 0.1}, {0.2, 0.1, 0.7}, {2, 2, 2}, {30, 20, 9}, 0.5, 1};
+    const auto lamp = filled<float>(64, [&] { return chance.unit(); }), sky = lamp;
+    const SlabLight light{lamp.data(), sky.data(), {4, 4, 4}, {16, 16, 16}, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
+                          0.5,         0.6};
+    std::vector<ColourIntegral> colours(kTableEntries + 1);
+    std::vector<double> depths((kTableEntries + 1) * kOpacityLevels);
+    for (int n = 0; n < kTableEntries; ++n) {
+        colours[n + 1] = colours[n];
+        const double depth = 0.05 * chance.unit();
+        colours[n + 1].depth += depth;
+        for (int channel = 0; channel < 3; ++channel) {
+            colours[n + 1].emit[channel] += depth * chance.unit() / 2;
+            colours[n + 1].refl[channel] += depth * chance.unit() / 2;
+        }
+        for (int level = 0; level < kOpacityLevels; ++level)
+            depths[(n + 1) * kOpacityLevels + level] = depths[n * kOpacityLevels + level] + depth * level / 255;
+    }
+    SlabShadingView view{};
+    view.scene = &scene, view.grid = &grid, view.rays = &rays, view.light = &light;
+    view.depths = reinterpret_cast<const DepthIntegrals*>(depths.data()), view.colours = colours.data();
+    SlabSamples samples{};
+    samples.count = kTilePixels, samples.slab = 2;
+    for (int n = 0; n < kTilePixels; ++n) {
+        samples.x[n] = n % kTileColumns, samples.y[n] = n / kTileColumns;
+        for (int side = 0; side < 2; ++side) {
+            samples.here[side][n] = densities[n * kBlockPlanes + side];
+            for (int neighbour = 0; neighbour < 4; ++neighbour)
+                samples.beside[side][neighbour][n] = densities[n * kBlockPlanes + 2 + 2 * (neighbour % 3) + side % 2];
+        }
+    }
+    baseline::kSplatKernels.find_slab_colours(view, samples);
+    for (const auto& found : samples.found) add(sum, std::vector<float>(found, found + 4), 4);
+}
+
 }  // namespace
 
 int main() {
@@ -140,5 +242,9 @@ int main() {
     std::printf("%zu packets, map/shade %016llx\n", count, static_cast<unsigned long long>(sum));
     for (bool front_to_back : {false, true}) splat_row(sum, packets, front_to_back);
     std::printf("with splats %016llx\n", static_cast<unsigned long long>(sum));
+    const SplatKernels& kernels = baseline::kSplatKernels;
+    colour_slab(sum, slab_densities<std::uint32_t>(sum, kernels.splat_slabs, kernels.find_slab_densities));
+    colour_slab(sum, slab_densities<std::uint64_t>(sum, kernels.splat_wide_slabs, kernels.find_wide_slab_densities));
+    std::printf("with slabs %016llx\n", static_cast<unsigned long long>(sum));
     return count > kVoxels / 8 ? 0 : 1;
 }
