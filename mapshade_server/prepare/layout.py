@@ -28,15 +28,15 @@ ROUNDING = 1e-6  # of spacings
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Voxels along each side, all even; the tests take smaller ones.
+    """Voxels along each side of bricks and shards, even, and of the coarsest level in all; the tests take smaller ones.
 
-    A core draws the level that is no longer than `coarsest` in some ten milliseconds. Nothing would be won by further
-    ones, which are less and less like the volume.
+    A core draws a level of at most `coarsest` voxels in some ten milliseconds, whatever its shape. Nothing would be won
+    by further ones, which are less and less like the volume.
     """
 
     brick: int = 64
     shard: int = 256
-    coarsest: int = 128
+    coarsest: int = 128**3
 
     def shard_size(self, dims: Index) -> Index:
         """Of a level of `dims`, as (i, j, k): no larger than its bricks need."""
@@ -44,9 +44,9 @@ class Layout(msgspec.Struct, frozen=True):
         return (i, j, k)
 
     def levels(self, geometry: Geometry) -> list[Geometry]:
-        """Of all levels, finest first, until no side of the whole volume is longer than `coarsest`."""
+        """Of all levels, finest first, until the whole volume has at most `coarsest` voxels."""
         levels = [geometry]
-        while max(levels[-1].dims) > self.coarsest:
+        while levels[-1].box.voxels > self.coarsest:
             levels.append(halved_geometry(levels[-1]))
         return levels
 

@@ -86,7 +86,7 @@ def read_so_far() -> int:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts what the system says that it read")
 def test_a_box_reads_its_bricks_and_no_more(tmp_path: Path) -> None:
-    layout = Layout(brick=16, shard=64, coarsest=16)
+    layout = Layout(brick=16, shard=64, coarsest=16**3)
     volume = written(tmp_path / "noise.nrrd", values_of("int16", (128, 64, 64)))
     prepare_small(volume, tmp_path / "noise.zarr", Options(layout=layout))
     store = open_store(str(tmp_path / "noise.zarr"))

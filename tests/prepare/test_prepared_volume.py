@@ -33,7 +33,7 @@ from volsplat.protocol.messages.messages import CountHistograms, LevelBoxes, Ope
 from volsplat.protocol.text.errors import BadInput
 
 SIZE = (61, 64, 50)  # voxels
-BRICKS = Layout(brick=8, shard=16, coarsest=8)  # so that there are levels of 61, 31, 16 and 8 voxels
+BRICKS = Layout(brick=8, shard=16, coarsest=8**3)  # so that there are levels of 61, 31, 16 and 8 voxels
 
 
 @pytest.fixture(scope="module")
@@ -294,8 +294,8 @@ def test_levels_of_what_is_thin_are_as_bright_as_the_volume(
     """From two sides, where zooming out takes them; and pictures do not jump there."""
     name, out = str(shared_data / volume), tmp_path / "levels.zarr"
     with SingleProcess(name) as plain:
-        a_quarter = max(plain.volume.description.geometry.dims) // 4 + 1
-        prepare(name, out, Options(layout=Layout(coarsest=a_quarter)), Silent())
+        a_fortieth = plain.volume.description.geometry.box.voxels // 40
+        prepare(name, out, Options(layout=Layout(coarsest=a_fortieth)), Silent())
         bright = measured_from_two_sides(preset, (1, 2), plain, out)
     assert max(abs(one.of_volume - 1.0) for one in bright) <= THIN_LEVEL_BRIGHTNESS
     assert max(abs(one.jump) for one in bright) <= 2.0

@@ -107,7 +107,7 @@ def levels_of(path: Path, layout: Layout) -> list[Index]:
 
 def test_prepare_reads_a_file_in_rows_three_times(tmp_path: Path) -> None:
     """With memory for one block of whole rows, but not for two."""
-    layout = Layout(brick=16, shard=32, coarsest=16)
+    layout = Layout(brick=16, shard=32, coarsest=16**3)
     taken = []
     for size in ((16, 16, 16), (200, 96, 96)):  # the first one for the imports
         path = tmp_path / f"v_{size[0]}x{size[1]}x{size[2]}_uint16.raw"

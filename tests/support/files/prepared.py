@@ -20,7 +20,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.index_rules import Quantisation
 
-SMALL = Layout(brick=8, shard=16, coarsest=8)
+SMALL = Layout(brick=8, shard=16, coarsest=8**3)
 LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + 232 * 1024)  # a shard at a time
 SKEWED: Matrix = ((0.9, 0.2, 0.1), (-0.1, 1.2, -0.4), (0.05, 0.3, -1.8))
 ODD_DIMS = (37, 21, 50)
