@@ -1,6 +1,5 @@
 """What a benchmark leaves behind: one JSON file of figures, each with its spread, so that any two can be compared."""
 
-import os
 import statistics
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -8,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.whole_file import whole_file
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.text.errors import BadInput
@@ -67,10 +66,5 @@ def read_record(path: Path) -> Record:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file whole or not at all. Raises BadInput."""
-    temporary = temporary_name(path)
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise BadInput(f"{path}: cannot write this file: {error.strerror}") from error
+    with whole_file(path, "cannot write this file") as file:
+        file.write(text.encode())

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.image.embedded_picture import SVG, embedded_png
 from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.temporary_name import behind_links, temporary_name
 from volsplat.protocol.description.scene import Colour, Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
@@ -213,7 +213,7 @@ def _opened(path: Path) -> "oiio.ImageInput":
 
 def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> None:
     """Write beside the target, then rename: whoever looks finds the old file or the new one."""
-    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    target = behind_links(path)
     check_utf8(target)
     temporary = temporary_name(target)
     try:

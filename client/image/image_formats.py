@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.temporary_name import behind_links, temporary_name
 from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
@@ -61,11 +61,12 @@ def check_place(path: Path) -> None:
         raise BadInput(f"{path}: is a folder; give the name of a file")
     if path.exists() and not os.access(path, os.W_OK):
         raise BadInput(f"{path}: the file there is write-protected; give another name")
-    if not path.parent.is_dir():
-        raise BadInput(f"{path}: there is no folder {path.parent}; make it first")
-    trial = temporary_name(path)
+    folder = behind_links(path).parent
+    if not folder.is_dir():
+        raise BadInput(f"{path}: there is no folder {folder}; make it first")
+    trial = temporary_name(folder / path.name)
     try:
         trial.touch()
         trial.unlink()
     except OSError as error:
-        raise BadInput(f"{path}: cannot write into the folder {path.parent}: {error.strerror}") from error
+        raise BadInput(f"{path}: cannot write into the folder {folder}: {error.strerror}") from error

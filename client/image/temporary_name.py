@@ -12,6 +12,11 @@ from pathlib import Path
 PREFIX = ".volsplat"
 
 
+def behind_links(path: Path) -> Path:
+    """What is written where `path` is asked for: the file that a link leads to, so that the link stays one."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
 def temporary_name(path: Path) -> Path:
     """A name beside `path`, of the same kind, that is renamed to it once the file is whole.
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.temporary_name import behind_links, temporary_name
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -18,7 +18,7 @@ def whole_file(path: Path, refused: str = "cannot be written") -> Iterator[Binar
 
     Raises BadInput if it cannot be written, as on a full disk: the path, what is `refused` and the system's words.
     """
-    target = Path(os.path.realpath(path))  # a link stays one
+    target = behind_links(path)
     temporary = temporary_name(target)
     try:
         with temporary.open("wb") as file:

@@ -25,7 +25,7 @@ from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.frame_figure import FrameFigure
 from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.temporary_name import behind_links, temporary_name
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
@@ -129,7 +129,7 @@ def _video(
     path: Path, encoder: Sequence[str], rate: int, width: int, height: int, cancelled: Callable[[], bool]
 ) -> Iterator[Put]:
     """Pipes the frames to ffmpeg, which writes beside `path`; the file is renamed to it once ffmpeg has ended well."""
-    target = Path(os.path.realpath(path))
+    target = behind_links(path)
     temporary = temporary_name(target)
     command = _ffmpeg_command(encoder, rate, width + width % 2, height + height % 2, temporary)
     ffmpeg: subprocess.Popen[bytes] | None = None

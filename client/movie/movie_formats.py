@@ -5,6 +5,7 @@ from pathlib import Path
 
 from volsplat.client.image.image_formats import check_place
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.file_names import check_utf8
 
 # What ffmpeg is told for each kind. The qualities are such that neighbouring frames of fog show no blocks.
 VIDEO_ENCODERS: dict[str, tuple[str, ...]] = {
@@ -43,6 +44,7 @@ def check_clear(path: Path) -> None:
 
 
 def _check_folder(folder: Path) -> None:
+    check_utf8(folder)
     if folder.is_dir():
         check_place(frame_image_path(folder, 1))
         if any(folder.glob("frame-*.png")):

@@ -14,6 +14,8 @@ COMMANDS = {
     "render": ["render", f"{LATIN}.nrrd", "-o", "head.png"],
     "render --single": ["render", f"{LATIN}.nrrd", "-o", "head.png", "--single"],
     "image": ["render", "head.nrrd", "-o", f"{LATIN}.png"],
+    "movie": ["movie", "head.nrrd", "-o", LATIN, "--frames", "2"],
+    "movie in a folder of such a name": ["movie", "head.nrrd", "-o", f"{LATIN}/frames", "--frames", "2"],
     "steps": ["render", "head.nrrd", "--steps-dir", LATIN],
     "scene from an image": ["scene", f"{LATIN}.png"],
     "export": ["export", f"{LATIN}.nrrd", "-o", "head.ply"],

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from volsplat.bench.tables.record import write_text
+from volsplat.client.image.image_formats import check_place
 from volsplat.client.image.temporary_name import temporary_name
+from volsplat.protocol.text.errors import BadInput
 
 LEAVES = """
 import sys
@@ -22,6 +25,21 @@ else:
 print("left", flush=True)
 sys.stdin.read()
 """
+
+
+def test_what_a_link_leads_to_is_written_and_the_link_stays_one(tmp_path: Path) -> None:
+    link = tmp_path / "link.json"
+    link.symlink_to("whole.json")
+    for text in ("one", "two"):
+        check_place(link)
+        write_text(link, text)
+        assert link.is_symlink() and (tmp_path / "whole.json").read_text(encoding="utf-8") == text
+
+
+def test_a_link_into_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "link.json").symlink_to("absent/whole.json")
+    with pytest.raises(BadInput, match=f"there is no folder {tmp_path}/absent; make it first"):
+        check_place(tmp_path / "link.json")
 
 
 @pytest.mark.parametrize("name", ["head.png", "frames"])
