@@ -10,10 +10,11 @@ import pytest
 
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import opened
+from support.pages.tables_tab import box
 from support.pages.viewed import Viewed, phantom, view, volume
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Locator, Page
 
 __all__ = ["browser", "browser_page", "phantom", "view", "volume"]
 
@@ -57,7 +58,13 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     assert page.get_by_text("figure: dpi").count() == 0
 
 
+def bottom(shown: Locator) -> float:
+    place = box(shown)
+    return place["y"] + place["height"]
+
+
 def test_colours_are_shown_over_the_picture_and_stay_so(page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     colours = page.locator(".vs-colours")
     assert colours.is_hidden()
     page.keyboard.press("c")
@@ -65,6 +72,15 @@ def test_colours_are_shown_over_the_picture_and_stay_so(page: Page) -> None:
     assert "density; curve: opacity, 0 to 0.95" in colours.inner_text()
     page.reload()
     colours.wait_for()
+    page.get_by_role("button", name="copy the picture").click()
+    said = page.get_by_text("The picture is on the clipboard.")
+    said.wait_for()
+    assert box(said)["y"] >= bottom(colours)
+    page.get_by_role("button", name="three slices").click()
+    page.locator(".vs-slice").first.wait_for()
+    bar, picture = box(colours), box(page.locator(".vs-viewport"))
+    assert bar["x"] + bar["width"] <= picture["x"] + picture["width"]
+    assert bar["y"] >= bottom(page.locator(".vs-picture-buttons"))
     page.get_by_role("button", name="colours of the tables").click()
     colours.wait_for(state="hidden")
 
