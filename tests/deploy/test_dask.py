@@ -61,6 +61,11 @@ def servers_of(worker: psutil.Process) -> list[psutil.Process]:
     return [child for child in worker.children(recursive=True) if "_server" in " ".join(words_of(child))]
 
 
+def command_lines() -> list[str]:
+    """Of all that run."""
+    return [" ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])]
+
+
 def ended(processes: list[psutil.Process]) -> bool:
     return not any(lives(process) for process in processes)
 
@@ -116,10 +121,14 @@ def test_the_token_is_in_no_log_and_on_no_command_line(engine: DaskCluster, pers
     (token_file,) = (person.folder / "state").rglob("token")
     token = token_file.read_text(encoding="utf-8").strip()
     assert token_file.stat().st_mode & 0o777 == 0o600
-    lines = [" ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])]
-    assert any("--name dask" in line for line in lines) and not any(token in line for line in lines)
-    logs = person.runs("deploy", "logs", str(cluster))
-    assert "cannot reach the client" in logs.stdout and token not in logs.stdout + engine.said
+    wait_until(lambda: any("--name dask" in line for line in command_lines()), "started")
+    assert not any(token in line for line in command_lines())
+
+    def logged() -> str:
+        return person.runs("deploy", "logs", str(cluster)).stdout
+
+    wait_until(lambda: "cannot reach the client" in logged(), "tried to reach the client")
+    assert token not in logged() + engine.said
 
 
 def test_a_server_that_cannot_run_is_ended_with_what_it_said(person: Person, cluster: Path) -> None:

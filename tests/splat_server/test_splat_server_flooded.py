@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import psutil
 import pytest
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
@@ -150,7 +150,7 @@ def test_links_that_are_made_again_and_again_leave_nothing_behind(attacked: Atta
     for _ in range(5):
         flood(attacked.linked(LIAR), rising=False)
     assert attacked.draws(1, {HONEST: honest}).complete
-    assert attacked.process.num_threads() < 20
+    wait_until(lambda: attacked.process.num_threads() < 20, "without threads of theirs")
 
 
 @pytest.mark.parametrize("key", [None, LIAR], ids=["no key", "a key of another worker"])
@@ -177,7 +177,7 @@ def test_links_of_workers_that_nobody_invited_take_no_room(attacked: Attacked) -
     for n in range(MOST_PENDING + 3):
         with pytest.raises(PeerLost):
             attacked.dials(100 + n, attacked.token, patience=0)
-    assert attacked.process.num_threads() <= before + 2
+    wait_until(lambda: attacked.process.num_threads() <= before + 2, "without threads of theirs")
     attacked.invites(HONEST, LATE)
     late = attacked.linked(LATE)
     assert attacked.draws(2, {HONEST: honest, LATE: late}).complete

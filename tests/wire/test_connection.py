@@ -609,7 +609,7 @@ def test_no_socket_is_left_open(host: str) -> None:
                 far.receive()
             unclaimed = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
         unclaimed.close()
-    assert open_files() == before
+    wait_until(lambda: open_files() <= before, "without a socket of its own")  # earlier tests' may close meanwhile
 
 
 @pytest.mark.parametrize(
