@@ -1,7 +1,6 @@
 """Servers as processes of this machine, each behind a relay of its own, that can be harmed and replaced."""
 
 import random
-import subprocess
 import sys
 from collections.abc import Sequence
 from itertools import count
@@ -12,26 +11,22 @@ from faults.kinds_of_fault import FAULTS, Fault
 from faults.relay import Relay
 
 from volsplat.client import Session
+from volsplat.deploy.forked_servers import ForkedServers
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token, new_token
-
-MODULES = {Program.MAPSHADE_SERVER: "volsplat.mapshade_server", Program.SPLAT_SERVER: "volsplat.splat_server"}
 
 
 class RelayedServer:
     """One process, and its way to the client."""
 
-    def __init__(self, program: Program, session: Session, token: Token, seed: int, *options: str) -> None:
+    def __init__(
+        self, forks: ForkedServers, program: Program, session: Session, token: Token, seed: int, *options: str
+    ) -> None:
         self.program = program
         self.network = Relay((session.address.host, session.address.port), seed)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULES[program], "--connect", self.network.address, *options, "--threads", "1"],
-            env=token.added_to({}),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        arguments = ("--connect", self.network.address, *options, "--threads", "1")
+        self._process = forks.start(program, arguments, token.added_to({}))
         self.process = psutil.Process(self._process.pid)
 
     def end(self) -> None:
@@ -54,7 +49,7 @@ class ServersAtHand:
         splat_servers: int,
         silence: float = SILENCE_SECONDS,
     ) -> None:
-        self._token = new_token()
+        self._token, self._forks = new_token(), ForkedServers()  # which has another one there soon
         self.workers, self.splat_servers, self._silence = workers, splat_servers, silence
         self.session = Session(
             volume, workers=workers, splat_servers=splat_servers, spawn=False, token=self._token, silence=silence
@@ -82,7 +77,8 @@ class ServersAtHand:
         self.session.close()
         for server in self.living + self._replaced:
             server.end()
+        self._forks.end()
 
     def _start(self, program: Program) -> None:
         silence = ("--silence", str(self._silence))
-        self.living.append(RelayedServer(program, self.session, self._token, next(self._seeds), *silence))
+        self.living.append(RelayedServer(self._forks, program, self.session, self._token, next(self._seeds), *silence))

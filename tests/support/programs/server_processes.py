@@ -27,8 +27,14 @@ def words_of(process: psutil.Process) -> list[str]:
 
 
 def is_server(process: psutil.Process, program: str) -> bool:
-    """Whether a process is a server of this program: one that was forked has its name, one by itself its command."""
-    return process.name() == program.replace("_", "-") or f"volsplat.{program}" in process.cmdline()
+    """Whether a process is a server of this program that runs: forked ones have its name, others it in their command.
+
+    It may end meanwhile, and one that nobody has waited for yet has ended.
+    """
+    with suppress(psutil.NoSuchProcess):
+        named = process.name() == program.replace("_", "-") or f"volsplat.{program}" in process.cmdline()
+        return named and process.status() != psutil.STATUS_ZOMBIE
+    return False
 
 
 @contextmanager
