@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from random import SystemRandom
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -24,6 +25,7 @@ from volsplat.protocol.wire.tokens import Token
 
 Result = TypeVar("Result")
 MOST_AT_ONCE = 32  # machines
+BELOW_CONNECTIONS = 16384, 32768  # ports; Linux gives those above to connections, before a client comes to listen
 
 
 class Failed(NamedTuple):
@@ -230,10 +232,9 @@ def _free_port(cluster: Cluster) -> int:
     if cluster.client is not None:
         return int(cluster.client.rpartition(":")[2])
     while True:
+        port = SystemRandom().randrange(*BELOW_CONNECTIONS)
         with ExitStack() as free:
-            first = free.enter_context(socket.create_server(("", 0)))
-            port = int(first.getsockname()[1])
-            with suppress(OSError, OverflowError):  # another one is tried
-                for further in range(port + 1, last_port(cluster, port) + 1):
+            with suppress(OSError):  # another one is tried
+                for further in range(port, last_port(cluster, port) + 1):
                     free.enter_context(socket.create_server(("", further)))
                 return port
