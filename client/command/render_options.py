@@ -21,7 +21,7 @@ from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
-from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.client.volume.surveyed_volume import SurveyedVolume, asking_for_fit, showing_all
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Quantise, Scene
@@ -78,11 +78,15 @@ class SceneOptions:
     preset: str | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
     more: str = ""  # TOML: what --set changes besides
+    fit: str | None = None  # all or visible: zoom and centre that the volume decides
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Self:
         """What `scene_options` gave a command. Raises BadInput."""
-        return cls(given["scene"], given["preset"], scene_changes(given), "".join(map(_line_of, given["put"])))
+        changes, fit = scene_changes(given), given["fit"]
+        if fit is not None and changes.keys() & FITTED:
+            raise BadInput(f"--fit {fit} decides zoom and centre: leave out --zoom and --center, or --fit")
+        return cls(given["scene"], given["preset"], changes, "".join(map(_line_of, given["put"])), fit)
 
     def scene_of(self, volume: SurveyedVolume | None) -> Scene:
         """The scene to draw: preset or default, under the scene file, under the options. Raises BadInput.
@@ -90,7 +94,7 @@ class SceneOptions:
         Without a volume the preset's own numbers stand in for what the data would decide: good for checking a
         scene file before anything is started.
         """
-        return self._changed(self._under_options(volume))
+        return self._changed(self._under_options(volume), volume)
 
     def tell_unsuited(self, volume: SurveyedVolume, console: PlainConsole) -> None:
         """A line for a person whose preset does not suit the volume."""
@@ -100,7 +104,7 @@ class SceneOptions:
     def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
         """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""
         under = self._under_options(volume)
-        return [self._changed(_scene_in(key, under)) for key in keys]
+        return [self._changed(_scene_in(key, under), volume) for key in keys]
 
     def _under_options(self, volume: SurveyedVolume | None) -> Scene:
         base = self._base(volume)
@@ -113,13 +117,17 @@ class SceneOptions:
         subject = volume.subject(Quantise(window=self.changes.get("quantise.window", "auto")))
         return default_scene(subject) if self.preset is None else preset_scene(self.preset, subject)
 
-    def _changed(self, scene: Scene) -> Scene:
+    def _changed(self, scene: Scene, volume: SurveyedVolume | None) -> Scene:
         try:
             for place, value in self.changes.items():
                 scene = KEYS[place].put(scene, value)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        return scene_from_toml(self.more, scene, "--set") if self.more else scene
+        if self.more:
+            scene = scene_from_toml(self.more, scene, "--set")
+        if self.fit is not None:
+            scene = asking_for_fit(scene)
+        return scene if self.fit != "all" or volume is None else showing_all(scene, volume.description.geometry)
 
 
 def _scene_in(path: Path, base: Scene) -> Scene:
@@ -202,6 +210,8 @@ def _line_of(text: str) -> str:
     return f"{place} = {value}\n"
 
 
+FITTED = {"view.zoom", "view.center"}
+
 SCENE_OPTIONS = {
     "--size": SceneOption(
         ("image.width", "image.height"),
@@ -256,6 +266,11 @@ scene_options = headed(
     click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote."),
     click.option("--preset", type=Words(sorted(PRESETS)), help="Start from this scene."),
     *map(_scene_option, SCENE_OPTIONS),
+    click.option(
+        "--fit",
+        type=Words(["all", "visible"]),
+        help="Have the whole volume, or what is visible, fill the image, whatever the scene says.",
+    ),
     click.option(
         "--set", "put", multiple=True, metavar="KEY=VALUE", help="Any key of the scene, as shading.specular_power=20."
     ),

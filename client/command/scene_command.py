@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ def scene(source: str | None, **settings: Any) -> None:
     with `volsplat render VOLUME --scene FILE`.
     """
     options = SceneOptions.of(settings)
+    shows_volume = source is not None and not _shows_a_scene(source)
+    if options.fit == "all" and not shows_volume:
+        raise BadInput("--fit all is decided by a volume: name one, or give --fit to the command that draws")
     if source is None and options.preset is None:
         widest = max(map(len, PRESETS))
         for known, preset in PRESETS.items():
@@ -41,11 +45,11 @@ def scene(source: str | None, **settings: Any) -> None:
         click.echo(scene_toml(options.scene_of(None), title), nl=False)
         return
     volume = None
-    if not _shows_a_scene(source):
+    if shows_volume:
         volume = _surveyed(source)
         options.tell_unsuited(volume, PlainConsole(stderr=True))
     elif options.scene is None:
-        options = SceneOptions(Path(source), options.preset, options.changes, options.more)
+        options = replace(options, scene=Path(source))
     else:
         raise BadInput(f"{source} has a scene of its own; leave out it or --scene")
     click.echo(scene_toml(options.scene_of(volume), f"Of {source}"), nl=False)

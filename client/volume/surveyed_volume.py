@@ -9,6 +9,7 @@ import msgspec
 from volsplat.client.histogram.density_histogram import DensityHistogram
 from volsplat.client.histogram.subject import Subject, subject_of
 from volsplat.client.scene.default_scene import default_scene
+from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.enclosing_ball import Ball
 from volsplat.client.volume.up_guess import StandsUp, stands_up
 from volsplat.client.volume.visible_part import fitting_view, visible_ball
@@ -16,12 +17,13 @@ from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS
 from volsplat.protocol.description.patches import Plane, colourless
 from volsplat.protocol.description.scene import ColourTable, Quantise, Scene, Step
-from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules import index_rules
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared
 from volsplat.protocol.rules.refinement import STEP_RULES
+from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom
 from volsplat.protocol.text.errors import BadInput
 
 REMEMBERED = 16  # scenes, and windows
@@ -160,6 +162,13 @@ class SurveyedVolume:
 def asking_for_fit(scene: Scene) -> Scene:
     """The scene from the same side, with zoom and centre left to what is visible."""
     return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom="fit", center="middle"))
+
+
+def showing_all(scene: Scene, geometry: Geometry) -> Scene:
+    """The scene from the same side, with the whole volume in the image, whatever its tables and bounds show of it."""
+    whole = asking_for_fit(scene)
+    zoom, center = allowed_zoom(resolved_zoom(whole, geometry)), resolved_center(whole, geometry)
+    return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom, center=center))
 
 
 def _deciding_visibility(scene: Scene) -> Scene:

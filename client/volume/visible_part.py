@@ -7,10 +7,11 @@ is turned.
 
 from itertools import product
 
+from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.enclosing_ball import Ball, enclosing_ball, squared_distances
 from volsplat.client.volume.visible_blocks import block_rows, opacities
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
-from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, TABLE_ENTRIES, Scene
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -34,7 +35,7 @@ def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, V
     scale = half / (ball.radius + footprint * voxel)  # pixels per unit of length
     if scale * voxel < 1.0 and half > footprint and ball.radius > 0.0:  # footprints are then widened to pixels
         scale = min(scale, (half - footprint) / ball.radius)
-    zoom = min(max(scale * geometry.reference_spacing, LEAST_ZOOM), GREATEST_ZOOM)
+    zoom = allowed_zoom(scale * geometry.reference_spacing)
     place = matrices.minus(ball.centre, geometry.origin)
     return zoom, matrices.applied(matrices.inverse(geometry.index_to_physical), place)
 

@@ -1,6 +1,7 @@
 """What the command line says of the scene, and the scenes that it prints."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Kernel, Scene, Step
+from volsplat.protocol.text.errors import BadInput
 
-NOTHING: dict[str, Any] = {"scene": None, "preset": "ct-bone", "put": ()}
+NOTHING: dict[str, Any] = {"scene": None, "preset": "ct-bone", "put": (), "fit": None}
 
 
 def options(**given: Any) -> Scene:
@@ -42,6 +45,19 @@ def person(tmp_path: Path) -> Person:
 )
 def test_an_option_is_a_change_of_a_key(given: dict[str, Any], changes: dict[str, Any]) -> None:
     assert options(**given) == preset_scene("ct-bone").with_(**changes)
+
+
+def test_fit_overrules_the_scene_s_zoom_and_centre(tmp_path: Path) -> None:
+    write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 28, 20)))
+    given = NOTHING | {"put": ("view.zoom=9", "view.center=[1, 2, 3]"), "size": "64"}
+    with SingleProcess(str(tmp_path / "shells.nrrd")) as single:
+        visible, whole = (SceneOptions.of(given | {"fit": fit}).scene_of(single.volume) for fit in ("visible", "all"))
+        dims = single.volume.description.geometry.dims
+    assert (visible.view.zoom, visible.view.center) == ("fit", "middle")
+    assert whole.view.center == tuple((n - 1) / 2 for n in dims)
+    assert whole.view.zoom == pytest.approx(0.98 * 64 / math.hypot(*dims))
+    with pytest.raises(BadInput, match="leave out --zoom and --center, or --fit"):
+        options(fit="all", zoom=3.0)
 
 
 def test_a_colour_map_colours_what_glows_and_what_is_lit() -> None:
