@@ -19,6 +19,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.ui.controls.kept_events import take_events_once
 from volsplat.client.ui.doors.behind_proxy import BehindProxy
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.page_address import PageAddress
@@ -47,7 +48,8 @@ ALIVE_PATH = "/alive"  # where a page asks whether anybody is there
 STATIC_PATH = "/volsplat/static"
 MODULES_PATH = f"/_nicegui/{nicegui.__version__}/esm"  # the same, as components import it
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
-RECONNECT_SECONDS = 10.0  # that a page may be cut off or busy, and then goes on as it was; it is loaded anew after more
+CUT_SECONDS = 10.0  # after about which process and page take a line that carries nothing for cut
+RECONNECT_SECONDS = 60.0  # that a page may be cut off, and then goes on as it was; it is loaded anew after more
 LOADING_SECONDS = 30.0  # that a browser may take from the page to its viewport
 
 
@@ -120,16 +122,17 @@ class Application:
         application.add_api_route(EARLY_PATH, self._early_picture, include_in_schema=False, response_model=None)
         for path in (WAITING_PATH, ALIVE_PATH):
             application.add_api_route(path, _nothing_to_say, include_in_schema=False)
-        ui.page("/")(self._page)
+        ui.page("/", reconnect_timeout=RECONNECT_SECONDS)(self._page)
         ui.run_with(
             application,
             title="volsplat",
             dark=None,
             tailwind=False,
             show_welcome_message=False,
-            reconnect_timeout=RECONNECT_SECONDS,
+            reconnect_timeout=CUT_SECONDS,
             gzip_middleware_factory=None,  # nonces come first
         )
+        take_events_once()
         compressed = GZipMiddleware(ScriptNonces(application, bundles.in_page), SMALLEST_COMPRESSED, COMPRESSION)
         guarded = Gate(compressed, address.admission, LARGEST_UPLOAD + LARGEST_FORM)
         behind = address.admission.behind

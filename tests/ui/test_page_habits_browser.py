@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from support.pages.browser import browser, browser_page
+from support.pages.lossy_line import LossyLine
 from support.pages.page_tab import after, canvas, drag, opened
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, phantom, view, volume
@@ -182,6 +183,52 @@ def test_a_cut_line_is_told_by_one_voice_and_the_page_finds_back(view: Viewed, p
         page.wait_for_function(REFINED)
         until(page, lambda: not torch.equal(canvas(page), before))
         page.goto("about:blank")
+
+
+def test_what_panels_tell_a_line_that_is_cut_comes_to_the_process_and_once(view: Viewed, page: Page) -> None:
+    line = LossyLine(page)
+    before = canvas(opened(page, view.url))
+    switch = page.get_by_role("switch", name="diffuse")
+    left, right = (page.get_by_role("button", name=f"roll {side}") for side in ("left", "right"))
+
+    def switched_where_events_are_lost() -> None:
+        line.loses_events = True
+        switch.click()
+        line.cut_once_lost('"event"')
+
+    assert not torch.equal(after(page, switched_where_events_are_lost), before)
+    assert torch.equal(after(page, switch.click), before)
+
+    def rolled_where_answers_are_lost() -> None:
+        line.loses_answers = True
+        left.click()
+
+    assert not torch.equal(after(page, rolled_where_answers_are_lost), before)
+    line.cut_once_lost("43")  # how Socket.IO's answers begin
+    assert torch.equal(after(page, right.click), before), "it was rolled twice"
+
+
+def test_a_line_that_stands_still_for_long_leaves_the_page_and_what_was_typed_as_they_are(
+    view: Viewed, page: Page
+) -> None:
+    field, frozen = page.get_by_label("centre i"), psutil.Process(view.process.pid)
+    page.evaluate(
+        """() => {
+            const { socket } = window;
+            window.timeouts = 0;
+            socket.on("connect_error", ({ message }) => (window.timeouts += message === "timeout"));
+            for (const setting of ["timeout", "reconnectionDelay", "reconnectionDelayMax"]) socket.io[setting](100);
+        }"""
+    )
+    frozen.suspend()
+    try:
+        page.evaluate("() => window.socket.io.engine.close()")
+        field.fill("north")
+        page.wait_for_function("() => window.timeouts >= 3")
+    finally:
+        frozen.resume()
+    page.get_by_text("“north” is not a number").wait_for()
+    field.press("Escape")
 
 
 # -- what moves

@@ -1,4 +1,4 @@
-"""What every page of the program has: its styles, its title, and the button for light or dark."""
+"""What every page of the program has: its styles, its title, events that are kept, and the button for light or dark."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ from functools import cache
 
 from nicegui import ui
 
+from volsplat.client.ui.controls.kept_events import KeptEvents
 from volsplat.client.ui.doors.static_files import STATIC
 
 STYLES = ("theme.css", "page.css")
 
 
 def page_frame(title: str) -> None:
-    """Add the styles, and name the page."""
+    """Add what no eye sees, and name the page."""
     for style in STYLES:
         ui.add_head_html(f"<style>{_text(style)}</style>")
     ui.page_title(f"{title} – volsplat")
     ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
+    KeptEvents()
 
 
 @cache
