@@ -118,8 +118,8 @@ class Doctor:
     def _forecast(self, seen: servers.Seen) -> None:
         """Of the volume that was seen, where all is right."""
         if all(finding.right for finding in self.findings):
-            dims = drawn_level(seen.dims, self._size) if seen.has_levels else seen.dims
-            self._find(forecast(self._running.cluster.name, self._drawers, dims, self._size))
+            drawn = drawn_level(seen.levels, self._size)
+            self._find(forecast(self._running.cluster.name, self._drawers, drawn, self._size))
 
     def _volumes(self, there: There, meeting: Meeting) -> servers.Seen | None:
         """The volume as the first server sees it."""

@@ -1,6 +1,5 @@
 """How many images a second a cluster will draw of a volume, by the model of docs/how_it_works/performance.md."""
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -8,13 +7,14 @@ from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.frame_model import PIXEL_BYTES, Cluster, Load, Prediction, Rates, predicted
 from volsplat.deploy.server_command import Program
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.levels import finest_needed
+from volsplat.protocol.rules.resolved_view import FIT_FRACTION, bounding_radius
 
 RATES = Rates(
     voxel=0.1e-9, packet=10e-9, splat=4e-9, pixel=0.4e-9, frame=5e-3
 )  # docs/how_it_works/performance.md: the model
 SHARES = {"a tenth": 0.1, "a hundredth": 0.01}  # of the voxels that show: nested shells, a thin surface
-FILLED = 0.98  # of the image's shorter side, by the ball about the volume
 FOOTPRINT_SIDE = 4.0  # voxels, and pixels at least
 
 
@@ -33,21 +33,19 @@ class Size(NamedTuple):
     height: int
 
 
-def forecast(name: str, drawers: Sequence[Drawer], dims: Index, size: Size) -> Finding:
+def forecast(name: str, drawers: Sequence[Drawer], geometry: Geometry, size: Size) -> Finding:
     """Of step F, with the whole volume in the image."""
     cluster = cluster_of(drawers)
-    models = {words: predicted(load_of(dims, size, share), RATES, cluster) for words, share in SHARES.items()}
+    models = {words: predicted(load_of(geometry, size, share), RATES, cluster) for words, share in SHARES.items()}
     told = "; ".join(f"{_rate(model)} if {words} of the voxels shows" for words, model in models.items())
     limit = next(iter(models.values())).limit
     line = f"{size.width} x {size.height}: {told}; limited by {limit}, by a model of quiet machines"
     return Finding(name, "forecast", True, line)
 
 
-def drawn_level(dims: Index, size: Size) -> Index:
-    """Of a prepared volume: the coarsest level whose voxels are no larger than a pixel."""
-    while 2 * _zoom(dims, size) <= 1.0:
-        dims = ((dims[0] + 1) // 2, (dims[1] + 1) // 2, (dims[2] + 1) // 2)
-    return dims
+def drawn_level(levels: Sequence[Geometry], size: Size) -> Geometry:
+    """Of a volume's levels, finest first, the one that its fit into an image takes."""
+    return levels[finest_needed(levels, _zoom(levels[0], size))]
 
 
 def cluster_of(drawers: Sequence[Drawer]) -> Cluster:
@@ -65,24 +63,24 @@ def cluster_of(drawers: Sequence[Drawer]) -> Cluster:
     )
 
 
-def load_of(dims: Index, size: Size, share: float) -> Load:
+def load_of(geometry: Geometry, size: Size, share: float) -> Load:
     """If this share of the voxels shows."""
-    voxels = float(math.prod(dims))
-    footprint = FOOTPRINT_SIDE * max(_zoom(dims, size), 1.0)
+    voxels = float(geometry.box.voxels)
+    footprint = FOOTPRINT_SIDE * max(_zoom(geometry, size), 1.0)
     packets = voxels * share
     return Load(
         voxels=voxels,
         packets=packets,
         pixels=packets * footprint**2,
         footprint_lines=footprint,
-        lines=FILLED * min(size),
+        lines=FIT_FRACTION * min(size),
         image_bytes=size.width * size.height * PIXEL_BYTES,
     )
 
 
-def _zoom(dims: Index, size: Size) -> float:
-    """Pixels a voxel."""
-    return FILLED * min(size) / math.hypot(*dims)
+def _zoom(geometry: Geometry, size: Size) -> float:
+    """Pixels per reference spacing, where the whole volume fits into the image."""
+    return FIT_FRACTION * min(size) * geometry.reference_spacing / (2 * bounding_radius(geometry))
 
 
 def _rate(model: Prediction) -> str:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from volsplat.deploy.cluster.state import KnownServer
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.meeting import Meeting
-from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.session_messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.volume_messages import DescribeVolume, VolumeDescribed
@@ -21,8 +21,7 @@ class Seen(NamedTuple):
 
     by: str
     identity: VolumeIdentity
-    dims: Index
-    has_levels: bool  # that are coarser
+    levels: tuple[Geometry, ...]  # finest first
 
 
 def joined(one: KnownServer, server: Connection) -> Finding:
@@ -56,5 +55,6 @@ def volume(
         return Finding(name, "volume", False, line), seen
     line = f"{told.identity.size} bytes, sample's checksum {told.identity.contents[:SHOWN]}"
     same = "" if seen is None else f", as {seen.by} sees it"
-    first = seen or Seen(name, told.identity, told.description.geometry.dims, bool(told.prepared))
+    levels = told.prepared[0].levels if told.prepared else (told.description.geometry,)
+    first = seen or Seen(name, told.identity, levels)
     return Finding(name, "volume", True, line + same), first

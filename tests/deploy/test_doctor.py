@@ -16,6 +16,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
 from volsplat.deploy.server_command import Program
+from volsplat.protocol.description.volume import Geometry
 
 BOTH = "map-shade-servers = 1\nsplat-servers = 1\n"
 WORKER = "map-shade-servers = 1\n"
@@ -124,7 +125,7 @@ def test_servers_of_another_token_are_named(person: Person) -> None:
 
 def images_a_second(*drawers: Drawer, side: int = 512) -> float:
     """If a tenth of the voxels shows."""
-    line = forecast("lab", drawers, (512, 512, 512), Size(side, side)).line
+    line = forecast("lab", drawers, Geometry((512, 512, 512)), Size(side, side)).line
     assert line.startswith(f"{side} x {side}: ")
     return float(line.removeprefix(f"{side} x {side}: ").split()[0])
 
@@ -137,8 +138,15 @@ def test_more_servers_faster_links_and_smaller_images_are_forecast_to_be_faster(
     assert images_a_second(worker, splat._replace(bits_per_second=gigabit / 100)) < lab / 10
     assert images_a_second(worker._replace(bits_per_second=None), splat._replace(bits_per_second=None)) > lab
     assert images_a_second(worker, splat, side=2048) < lab
-    assert drawn_level((2048, 2048, 2048), Size(512, 512)) == (512, 512, 512)
-    assert drawn_level((256, 256, 256), Size(512, 512)) == (256, 256, 256)
+
+
+def test_what_is_forecast_is_the_level_that_a_fit_draws() -> None:
+    volume = Geometry((2048, 2048, 64), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 8.0)))
+    half = Geometry((1024, 1024, 64), ((2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 8.0)))
+    quarter = Geometry((512, 512, 64), ((4.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 8.0)))
+    drawn = [drawn_level((volume, half, quarter), Size(side, side)).dims for side in (2048, 768, 512, 64)]
+    assert drawn == [volume.dims, half.dims, quarter.dims, quarter.dims]
+    assert drawn_level((volume,), Size(64, 64)) == volume
 
 
 def test_an_image_size_that_is_none_is_refused(person: Person) -> None:
