@@ -1,5 +1,7 @@
 """docs/how_it_works/image.md suffices to draw the image: what was written from it alone draws the programs'."""
 
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -7,9 +9,13 @@ import torch
 
 from by_the_book.book import Book, Colours
 from by_the_book.drawing import draw
-from by_the_book.tables import Patch
+from by_the_book.fit import fitted
+from by_the_book.tables import Patch, table
 from support.scenes.rendering import rendered
-from tolerances import ONE_LEVEL
+from tolerances import ONE_LEVEL, SMALLEST_BALL
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.patches import Patch as ScenePatch
 from volsplat.protocol.description.patches import Plane
 from volsplat.protocol.description.scene import (
@@ -179,3 +185,36 @@ def test_it_suffices_for_patches_over_density_and_strength(step: str, seed: int)
     by_the_book = torch.from_numpy(draw(book(values, geometry, one, Step(step), octahedral=True)))
     assert float(programs[..., 3].max()) > 0
     assert float((programs - by_the_book).abs().max()) <= ONE_LEVEL
+
+
+def test_it_suffices_for_a_fit(tmp_path: Path) -> None:
+    values = make_phantom("head", size=(34, 14, 12))[0].float()
+    values[1, 1, 1] = values.max()  # a stray
+    geometry = Geometry((34, 14, 12), MATRICES["skewed"], (5.0, -3.0, 1.0))
+    write_volume(tmp_path / "head.nrrd", values, geometry)
+    cut = Bounds(low=(9, 2, 3), high=(21, 11, 10))
+    with SingleProcess(tmp_path / "head.nrrd") as single:
+        default = single.volume.default_scene()
+        window = single.volume.quantisation(default.quantise).window
+        cases = ((True, 300, Bounds(), 0.8), (False, 12, Bounds(), 0.8), (False, 300, cut, 0.008))
+        for edges, side, bounds, greatest in cases:
+            opac = [(0.0, 0.0), (0.3, 0.0), (0.9, greatest)]
+            one = msgspec.structs.replace(
+                default,
+                tables=msgspec.structs.replace(default.tables, opac=ScalarTable(tuple(opac))),
+                shading=Shading(modulation=False),
+                bounds=bounds,
+                image=Image(width=side, height=side + 30, edges=edges),
+            )
+            view = single.volume.fitted(one).view
+            zoom, center = fitted(
+                values.numpy(),
+                np.array(geometry.index_to_physical),
+                window,
+                table(opac),
+                resolved_bounds(one, geometry),
+                kernel_radius(one.reconstruction),
+                (side, side + 30),
+                edges,
+            )
+            assert (view.zoom, *view.center) == pytest.approx((zoom, *center), rel=SMALLEST_BALL)
