@@ -104,7 +104,10 @@ def test_the_picture_is_copied_as_it_is_on_the_screen(page: Page) -> None:
     assert page.evaluate(CLIPBOARD) == page.evaluate("volsplatViewport.canvas.toDataURL()")
 
 
-def test_without_a_clipboard_a_copy_is_refused_in_words(page: Page) -> None:
+def test_without_a_clipboard_copies_are_refused_in_words(page: Page) -> None:
     page.evaluate("Object.defineProperty(navigator, 'clipboard', { value: undefined })")
     page.get_by_role("button", name="copy the picture").click()
     page.get_by_text("save the picture instead").wait_for()
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").click()
+    page.get_by_text("save the scene as TOML instead").wait_for()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 from collections.abc import Callable
 from functools import cache, partial
@@ -16,6 +17,8 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.saving import ImageFormat, image_bytes, scene_bytes, scene_link
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.text.errors import VolsplatError
+
+ANSWER_WITHIN = 30.0  # seconds: a browser may ask the person first
 
 
 def save_panel(viewing: Viewing, scenes: SceneUpload) -> None:
@@ -74,8 +77,21 @@ def _save_scene(viewing: Viewing) -> None:
     ui.download(scene_bytes(viewing.model.scene), f"{file_stem(viewing)}.toml")
 
 
-def _copy_link(viewing: Viewing) -> None:
+async def _copy_link(viewing: Viewing) -> None:
     """As the browser reaches the page, perhaps through a forwarded port, and without anything that opens it."""
     page = str(context.client.request.base_url)
-    ui.clipboard.write(scene_link(page, viewing.model.scene, viewing.default_scene, viewing.volume.description.name))
-    ui.notify("copied: the link restores this scene in a browser that may see this page; it opens the page to nobody")
+    link = scene_link(page, viewing.model.scene, viewing.default_scene, viewing.volume.description.name)
+    if await _is_copied(link):
+        told = "copied: the link restores this scene in a browser that may see this page; it opens the page to nobody"
+        ui.notify(told)
+    else:
+        ui.notify("not copied: browsers allow it on HTTPS and localhost only; save the scene as TOML instead")
+
+
+async def _is_copied(text: str) -> bool:
+    """Whether the browser says that the text is on its clipboard."""
+    written = f"navigator.clipboard?.writeText({json.dumps(text)}).then(() => true, () => false) ?? false"
+    try:
+        return bool(await ui.run_javascript(written, timeout=ANSWER_WITHIN))
+    except TimeoutError:
+        return False
