@@ -143,7 +143,7 @@ PRESETS = Presets(
             (Kind.MR,),
         ),
         "mr-angio": Preset(
-            "MR angiography: the brightest hundredth, which flowing blood is, in red",
+            "MR angiography: flowing blood, the brightest 1.5 % of the voxels, in red",
             "radiology: time of flight shows flowing blood brightest",
             mr_angio_scene,
             (Kind.MR,),
