@@ -19,7 +19,6 @@ from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.session_messages import LEAST_SILENCE
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import LOOPBACK
@@ -31,6 +30,7 @@ SIZE = 16
 WALKERS = 3
 LARGE = 160
 SIZE_OF_LARGE = (320, 320)
+BRIEF = 1.0  # seconds of silence; a handshake has two of them
 
 
 @pytest.fixture
@@ -200,7 +200,7 @@ def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> 
 def test_a_frozen_splat_server_is_dialled_no_more_once_the_client_has_given_it_up(bench: Bench) -> None:
     there = bench.splat_servers[0].address
     living = messages.Route(2, there.host, there.port, KEY)
-    links = DataLinks(bench.token, lambda: False, Heartbeat(LEAST_SILENCE), Encryption.BETWEEN_MACHINES)
+    links = DataLinks(bench.token, lambda: False, Heartbeat(BRIEF), Encryption.BETWEEN_MACHINES)
     with socket.create_server((LOOPBACK, 0)) as frozen:  # the system takes what it never answers
         silent = messages.Route(3, LOOPBACK, int(frozen.getsockname()[1]), KEY)
         connecting = threading.Thread(target=links.connect, args=([silent, living], 1), daemon=True)

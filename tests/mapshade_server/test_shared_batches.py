@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from volsplat.mapshade_server._kernels import put_side_by_side
 from volsplat.mapshade_server.links import shared_batches as map_shade
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
@@ -112,7 +112,9 @@ def test_no_link_leaves_descriptors_open() -> None:
             assert filled.filled([part(PACKETS, 0)]) is not None
             assert read.news() is None
         del filled, read
-    assert len(os.listdir("/proc/self/fd")) == before
+    wait_until(
+        lambda: len(os.listdir("/proc/self/fd")) <= before, "without a descriptor of its own"
+    )  # others may close
 
 
 def test_blocks_that_were_not_passed_are_refused() -> None:

@@ -93,12 +93,17 @@ def test_a_damaged_picture_is_told_of_and_acknowledged(shown: ShownViewport) -> 
 
 
 def test_the_size_of_the_element_is_asked_for_once_it_rests(shown: ShownViewport) -> None:
-    shown.page.evaluate(
+    shown.page.evaluate(  # it rests once the page has its timers again, however slow the machine is
         """async () => {
+            const own = [window.setTimeout, window.clearTimeout], held = new Map();
+            window.setTimeout = (...what) => held.set(-held.size - 1, what).size * -1;
+            window.clearTimeout = (timer) => held.has(timer) ? held.set(timer, null) : own[1].call(window, timer);
             for (const width of [500, 450, 400]) {
                 document.querySelector("#host").style.width = `${width}px`;
-                await new Promise(requestAnimationFrame);
+                for (let n = 0; n < 2; n++) await new Promise(requestAnimationFrame);
             }
+            [window.setTimeout, window.clearTimeout] = own;
+            for (const what of held.values()) if (what) window.setTimeout(...what);
         }"""
     )
     said = shown.process.wait_for("size")
