@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 import torch
 
@@ -94,14 +95,17 @@ def test_key_scenes_are_wanted_before_a_flight(page: Page) -> None:
 
 
 def test_while_a_movie_is_made_the_volume_can_be_turned_and_no_picture_of_the_movie_is_another(
-    page: Page, tmp_path: Path
+    view: Viewed, page: Page
 ) -> None:
-    fill(page, images="250", width="512", height="512")
+    fill(page, images="120", width="512", height="512")
     with page.expect_download() as download:
         page.get_by_text("make the movie").click()
-        page.get_by_text(re.compile(r"image \d+ of 250")).wait_for()
+        page.get_by_text(re.compile(r"image \d+ of 120")).wait_for()
+        (encoder,) = [one for one in psutil.Process(view.process.pid).children() if one.name() == "ffmpeg"]
+        encoder.suspend()  # however slowly the page is drawn, the movie is not there before
         turned = [after(page, lambda: drag(page, 40, 10))]
         assert page.get_by_role("button", name="cancel").is_visible()  # it is still being made
+        encoder.resume()
         turned += [after(page, lambda: drag(page, 40, 10)) for _ in range(2)]
     assert not torch.equal(turned[0], turned[1]) and not torch.equal(turned[1], turned[2])
     assert torch.equal(canvas(page), turned[2])

@@ -26,7 +26,7 @@ LOADED = get_context("forkserver")
 _COMMANDS = [entry.module.format(name=name) for name, entry in ENTRIES.items() if not entry.program]
 _BENCHMARKS = [f"volsplat.bench.commands.{name}_command" for name in SUMMARIES]
 _PAGES = [f"volsplat.client.ui.{name}" for name in ("application", "opening.start_page", "page")]
-_LIBRARIES = ["torch", "SimpleITK", "OpenImageIO"]
+_LIBRARIES = ["torch", "SimpleITK", "OpenImageIO", "distributed"]
 _PREPARING = ["volsplat.mapshade_server.prepare"]
 LOADED.set_forkserver_preload([*_COMMANDS, *_BENCHMARKS, *_LIBRARIES, *_PAGES, *_PREPARING])
 
