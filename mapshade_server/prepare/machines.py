@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
+from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.slabs import Slab, SlabReader
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker, StoredBlock
 from volsplat.mapshade_server.prepare.progress import Progress
@@ -74,6 +75,7 @@ class StoringTask:
     mark: RunMark
 
     def __call__(self, block: Box) -> StoredBlock:
+        _kernels.give_freed_memory_back()  # as the command's own process does
         packed = self.packer.packed(block)
         self.mark.check()
         return self.packer.stored(packed, self.writer)
