@@ -46,7 +46,7 @@ class Thinning(NamedTuple):
 
     @property
     def one_in(self) -> int:
-        """Of so many voxels one is drawn, if octaves halve all axes; of thick slices they leave up to four times more."""
+        """Of so many voxels one is drawn, if octaves halve all axes: of thick slices a coarser level leaves more."""
         return self.sheets * self.rows << 3 * self.octaves
 
 
