@@ -125,9 +125,9 @@ class SceneOptions:
             raise BadInput(str(error)) from error
         if self.more:
             scene = scene_from_toml(self.more, scene, "--set")
-        if self.fit is not None:
-            scene = asking_for_fit(scene)
-        return scene if self.fit != "all" or volume is None else showing_all(scene, volume.description.geometry)
+        if self.fit == "all" and volume is not None:
+            return showing_all(scene, volume.description.geometry)
+        return scene if self.fit is None else asking_for_fit(scene)
 
 
 def _scene_in(path: Path, base: Scene) -> Scene:

@@ -9,7 +9,7 @@ from volsplat.deploy.server_command import Program
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.levels import finest_needed
-from volsplat.protocol.rules.resolved_view import FIT_FRACTION, bounding_radius
+from volsplat.protocol.rules.resolved_view import FIT_FRACTION, zoom_showing_all
 
 RATES = Rates(
     voxel=0.1e-9, packet=10e-9, splat=4e-9, pixel=0.4e-9, frame=5e-3
@@ -45,7 +45,7 @@ def forecast(name: str, drawers: Sequence[Drawer], geometry: Geometry, size: Siz
 
 def drawn_level(levels: Sequence[Geometry], size: Size) -> Geometry:
     """Of a volume's levels, finest first, the one that its fit into an image takes."""
-    return levels[finest_needed(levels, _zoom(levels[0], size))]
+    return levels[finest_needed(levels, zoom_showing_all(levels[0], *size))]
 
 
 def cluster_of(drawers: Sequence[Drawer]) -> Cluster:
@@ -66,7 +66,7 @@ def cluster_of(drawers: Sequence[Drawer]) -> Cluster:
 def load_of(geometry: Geometry, size: Size, share: float) -> Load:
     """If this share of the voxels shows."""
     voxels = float(geometry.box.voxels)
-    footprint = FOOTPRINT_SIDE * max(_zoom(geometry, size), 1.0)
+    footprint = FOOTPRINT_SIDE * max(zoom_showing_all(geometry, *size), 1.0)
     packets = voxels * share
     return Load(
         voxels=voxels,
@@ -76,11 +76,6 @@ def load_of(geometry: Geometry, size: Size, share: float) -> Load:
         lines=FIT_FRACTION * min(size),
         image_bytes=size.width * size.height * PIXEL_BYTES,
     )
-
-
-def _zoom(geometry: Geometry, size: Size) -> float:
-    """Pixels per reference spacing, where the whole volume fits into the image."""
-    return FIT_FRACTION * min(size) * geometry.reference_spacing / (2 * bounding_radius(geometry))
 
 
 def _rate(model: Prediction) -> str:

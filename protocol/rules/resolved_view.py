@@ -42,8 +42,13 @@ def resolved_zoom(scene: Scene, geometry: Geometry) -> float:
     """Pixels per reference spacing; "fit" puts the volume's bounding sphere inside the image."""
     if scene.view.zoom != "fit":
         return scene.view.zoom
+    return zoom_showing_all(geometry, scene.image.width, scene.image.height)
+
+
+def zoom_showing_all(geometry: Geometry, width: int, height: int) -> float:
+    """At which the volume's bounding sphere fits into an image of so many pixels; pixels per reference spacing."""
     diameter = 2 * bounding_radius(geometry) / geometry.reference_spacing
-    return FIT_FRACTION * min(scene.image.width, scene.image.height) / diameter
+    return FIT_FRACTION * min(width, height) / diameter
 
 
 def resolved_order(scene: Scene, geometry: Geometry) -> Order:
