@@ -112,9 +112,8 @@ def test_no_link_leaves_descriptors_open() -> None:
             assert filled.filled([part(PACKETS, 0)]) is not None
             assert read.news() is None
         del filled, read
-    wait_until(
-        lambda: len(os.listdir("/proc/self/fd")) <= before, "without a descriptor of its own"
-    )  # others may close
+    # Fewer, since those of earlier tests may close meanwhile
+    wait_until(lambda: len(os.listdir("/proc/self/fd")) <= before, "without a descriptor of its own")
 
 
 def test_blocks_that_were_not_passed_are_refused() -> None:
