@@ -19,7 +19,9 @@ class Relay:
         self._random = random.Random(seed)
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
-        self._ends: list[socket.socket] = []
+        self._lock = threading.Lock()  # guards _ends and _is_cut
+        self._ends: list[socket.socket] = [self._listening]
+        self._is_cut = False
         self._swallows = False
         self._bytes_a_second = 0.0  # 0: as many as come
         self._delay = 0.0  # seconds
@@ -52,20 +54,32 @@ class Relay:
     def cut(self) -> None:
         """Close both connections, and take no other."""
         self._up.set()
-        for end in (self._listening, *self._ends):
-            with suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-            end.close()
+        with self._lock:
+            self._is_cut = True
+            for end in self._ends:
+                with suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+                end.close()
 
     def _accept(self) -> None:
-        with suppress(OSError):
-            near, _ = self._listening.accept()
-            far = socket.create_connection(self._target)
-            self._ends = [near, far]
-            for end in self._ends:
-                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            for one, other in ((near, far), (far, near)):
-                threading.Thread(target=self._pass_on, args=(one, other), name="relay", daemon=True).start()
+        try:
+            near = self._held(self._listening.accept()[0])
+            far = self._held(socket.create_connection(self._target))
+        except OSError:  # it is cut, or the session is over
+            self.cut()
+            return
+        for one, other in ((near, far), (far, near)):
+            threading.Thread(target=self._pass_on, args=(one, other), name="relay", daemon=True).start()
+
+    def _held(self, end: socket.socket) -> socket.socket:
+        """One that is closed when the relay is cut, if it is not yet."""
+        with self._lock:
+            self._ends.append(end)
+            if self._is_cut:
+                end.close()
+        with suppress(OSError):  # it is closed
+            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return end
 
     def _pass_on(self, source: socket.socket, target: socket.socket) -> None:
         with suppress(OSError):
