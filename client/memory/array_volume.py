@@ -99,8 +99,10 @@ def _in_order(source: ArraySource, axes: str) -> ArraySource:
     if sorted(axes) != sorted("xyz"):
         raise BadInput(f"axes={axes!r}: name each of x, y and z once, in the order of the array's axes, as 'zyx'")
     shape = tuple(source.values.shape)
-    if len(shape) != 3 or min(shape) < 1:
+    if len(shape) != 3:
         raise BadInput(f"an array of shape {shape} is no volume, which has three axes; choose a part, as array[0]")
+    if 0 in shape:
+        raise BadInput(f"an array of shape {shape} has no voxels; choose a part that has some")
     if axes == "zyx":
         return source
     return replace(source, values=np.asarray(source.values).transpose([axes.index(axis) for axis in "zyx"]))
@@ -194,6 +196,7 @@ def _scalar_type(dtype: str) -> str:
     name = {"bool": "uint8", "float16": "float32"}.get(name, name)
     if name not in SCALAR_BYTES:
         raise BadInput(
-            f"an array of {dtype} is no volume; convert it to numbers such as float32, complex ones by abs()"
+            f"an array of {dtype} is no volume; convert it to numbers such as float32, complex ones by abs(), or "
+            "choose one of several fields"
         )
     return name

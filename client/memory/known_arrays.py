@@ -6,13 +6,14 @@ Physical axes of a patient are left, posterior, superior throughout.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
 from volsplat.client.memory.array_source import ArraySource
+from volsplat.client.memory.no_data import NetcdfValues, with_nan
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
 
@@ -31,7 +32,7 @@ def source_of(array: Any) -> ArraySource | None:
         if told is not None and hasattr(array, told[0]):
             return told[1](array)
     if hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__"):
-        return ArraySource(array)  # numpy's, dask's, zarr's, h5py's
+        return ArraySource(array)  # numpy's, zarr's, h5py's
     return ArraySource(np.asarray(array)) if hasattr(array, "__array__") else None
 
 
@@ -40,28 +41,75 @@ def _torch(tensor: Any) -> ArraySource:
     return ArraySource((values.float() if str(values.dtype) == "torch.bfloat16" else values).numpy())
 
 
+def _masked(array: Any) -> ArraySource:
+    """Numpy's masked arrays, and astropy's."""
+    return ArraySource(array.astype(with_nan(array.dtype)).filled(np.nan))
+
+
+def _quantity(array: Any) -> ArraySource:
+    """Astropy's."""
+    values = _masked(array).values if hasattr(array, "mask") else array
+    return ArraySource(values.value, value_unit=str(array.unit))
+
+
+def _dask(array: Any) -> ArraySource:
+    from dask.array import ma
+
+    if not isinstance(array._meta, np.ma.MaskedArray):
+        return ArraySource(array)
+    return ArraySource(ma.filled(array.astype(with_nan(array.dtype)), np.nan))
+
+
+def _netcdf(variable: Any) -> ArraySource:
+    """The last dimension is x."""
+    _check_axes(variable.ndim, "choose the others' places, as in variable[0]")
+    beside = variable.group().variables
+    coordinates = {name: (beside[name][:], _unit(beside[name])) for name in variable.dimensions if name in beside}
+    return _by_coordinates(
+        NetcdfValues(variable), variable.dimensions, coordinates, str(variable.name), _unit(variable)
+    )
+
+
+def _unit(variable: Any) -> str:
+    return str(getattr(variable, "units", ""))
+
+
 def _xarray(array: Any) -> ArraySource:
     """Of axes with the names x, y and z each is itself; otherwise the last is x."""
     _check_axes(array.ndim, "choose the others' places, as in array.isel(time=0)")
     named = {str(name).lower(): name for name in array.dims}
     order = [named[axis] for axis in "zyx"] if set(named) == set("xyz") else list(array.dims)
-    array = array.transpose(*order)
+    coordinates = {name: (one.values, str(one.attrs.get("units", ""))) for name, one in array.coords.items()}
+    return _by_coordinates(
+        array.transpose(*order).data,
+        order,
+        coordinates,
+        str(array.name or "array"),
+        str(array.attrs.get("units", "")),
+    )
+
+
+def _by_coordinates(
+    values: Any, order: Sequence[Any], coordinates: Mapping[Any, tuple[Any, str]], name: str, value_unit: str
+) -> ArraySource:
+    """Values along these axes, of which some have coordinates, each with its unit."""
     steps, origin, units, warnings = [], [], [], []
-    for name in reversed(order):
-        first, step, even = _even(array.coords[name].values) if name in array.coords else (0.0, 1.0, True)
+    for axis in reversed(order):
+        places, unit = coordinates.get(axis, ((), ""))
+        first, step, even = _even(places) if axis in coordinates else (0.0, 1.0, True)
         if not even:
-            warnings.append(f"the coordinate {name} is uneven: its voxels are drawn as if they lay evenly")
+            warnings.append(f"the coordinate {axis} is uneven: its voxels are drawn as if they lay evenly")
         steps.append(step)
         origin.append(first)
-        units.append(str(array.coords[name].attrs.get("units", "")) if name in array.coords else "")
+        units.append(unit)
     return ArraySource(
-        array.data,
-        name=str(array.name or "array"),
+        values,
+        name=name,
         matrix=_matrix(np.diag(steps)),
         origin=_vector(origin),
         unit=units[0] if len(set(units)) == 1 else "",
-        value_unit=str(array.attrs.get("units", "")),
-        placed=all(name in array.coords for name in order),
+        value_unit=value_unit,
+        placed=all(axis in coordinates for axis in order),
         warnings=tuple(warnings),
     )
 
@@ -165,6 +213,10 @@ def _vector(numbers: Any) -> Vector:
 
 
 _BY_MODULE: dict[str, tuple[str, Callable[[Any], ArraySource]]] = {
+    "numpy": ("mask", _masked),
+    "astropy": ("unit", _quantity),
+    "dask": ("dask", _dask),
+    "netCDF4": ("dimensions", _netcdf),
     "torch": ("detach", _torch),
     "xarray": ("coords", _xarray),
     "SimpleITK": ("GetDirection", _simple_itk),

@@ -11,6 +11,7 @@ from typing import Any
 
 import dask.array
 import h5py
+import netCDF4
 import nibabel
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ import SimpleITK
 import torch
 import xarray
 import zarr
+from astropy import units
+from astropy.utils.masked import Masked
 
 from support.files.refusals import assert_refused_in_one_line
 from volsplat.client import Session
@@ -87,6 +90,31 @@ PLACED: dict[str, tuple[Callable[[], Any], tuple[tuple[float, ...], ...], tuple[
 }
 
 
+HIDDEN = np.ma.masked_greater(VALUES, 2000)
+
+
+def packed_variable(folder: Path) -> Any:
+    """With halves, kept as whole numbers, and coordinates along two of its axes."""
+    file = netCDF4.Dataset(folder / "v.nc", "w")
+    for axis, length in zip("zyx", VALUES.shape, strict=True):
+        file.createDimension(axis, length)
+    for axis, step in (("y", 0.5), ("x", 2.0)):
+        coordinate = file.createVariable(axis, "f4", (axis,))
+        coordinate[:], coordinate.units = step * np.arange(file.dimensions[axis].size), "km"
+    variable = file.createVariable("kept", "i2", ("z", "y", "x"), fill_value=-1)
+    variable.scale_factor, variable.units = 0.5, "K"
+    variable[:] = HIDDEN / 2
+    return variable
+
+
+MASKED: dict[str, tuple[Callable[[Path], Any], float, str]] = {
+    "numpy": (lambda folder: HIDDEN, 1.0, ""),
+    "dask": (lambda folder: dask.array.from_array(HIDDEN, chunks=(4, 3, 8)), 1.0, ""),
+    "astropy": (lambda folder: Masked(HIDDEN.data * units.K, mask=HIDDEN.mask), 1.0, "K"),
+    "netCDF4": (packed_variable, 0.5, "K"),
+}
+
+
 def read(volume: Volume) -> Any:
     reader = open_volume(volume.place)
     return reader.read(reader.describe().geometry.box)
@@ -99,6 +127,28 @@ def test_servers_read_the_numbers_of_a_bare_array(library: str, tmp_path: Path) 
     assert np.array_equal(read(volume), VALUES)
     assert open_volume(volume.place).describe().scalar_type == "int16"
     assert any("does not say how it lies" in warning for warning in volume.description.warnings)
+
+
+@UNKNOWN
+@pytest.mark.parametrize("library", MASKED)
+@pytest.mark.parametrize("axes", ["zyx", "xyz"])
+def test_what_is_masked_is_no_data(library: str, axes: str, tmp_path: Path) -> None:
+    make, scale, unit = MASKED[library]
+    volume = Volume(make(tmp_path), axes=axes)
+    expected = np.ma.filled(HIDDEN.astype(np.float32), np.nan) * scale
+    assert np.array_equal(read(volume), expected if axes == "zyx" else expected.T, equal_nan=True)
+    assert volume.description.value_unit == unit
+
+
+@UNKNOWN
+def test_a_netcdf_variable_lies_where_its_coordinates_say(tmp_path: Path) -> None:
+    told = Volume(packed_variable(tmp_path)).description
+    assert told.name == "kept" and told.geometry.index_to_physical == ((2.0, 0, 0), (0, 0.5, 0), (0, 0, 1.0))
+    assert any("does not say how it lies" in warning for warning in told.warnings)  # nothing is known of z
+
+
+def test_astropys_quantities_have_their_unit() -> None:
+    assert Volume(VALUES * units.Jy / units.beam, spacing=(1, 1, 1)).description.value_unit == "Jy / beam"
 
 
 @pytest.mark.parametrize("library", PLACED)
@@ -124,6 +174,7 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
     ("array", "options", "message"),
     [
         (VALUES[0], {}, "of shape (7, 8) is no volume"),
+        (VALUES[:0], {}, "of shape (0, 7, 8) has no voxels"),
         (VALUES.astype(complex), {}, "an array of complex128 is no volume"),
         (VALUES, {"kind": "CT"}, "kind=CT: is of a patient, whose sides the array does not tell; give spacing="),
         (VALUES, {"kind": "MR", "spacing": (1, 1, 1)}, "kind=MR: is of a patient"),
