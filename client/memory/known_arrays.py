@@ -53,11 +53,10 @@ def _quantity(array: Any) -> ArraySource:
 
 
 def _dask(array: Any) -> ArraySource:
-    from dask.array import ma
-
     if not isinstance(array._meta, np.ma.MaskedArray):
         return ArraySource(array)
-    return ArraySource(ma.filled(array.astype(with_nan(array.dtype)), np.nan))
+    kept = with_nan(array.dtype)
+    return ArraySource(array.astype(kept).map_blocks(np.ma.filled, np.nan, dtype=kept, meta=np.empty(0, kept)))
 
 
 def _netcdf(variable: Any) -> ArraySource:
