@@ -4,6 +4,7 @@ import json
 import signal
 import socket
 import subprocess
+import sys
 from pathlib import Path
 
 import psutil
@@ -168,6 +169,17 @@ def test_a_bad_option_is_one_clear_line_and_status_2(person: Person, head: Path,
 def test_an_unknown_command_names_the_one_that_was_meant(person: Person) -> None:
     done = person.runs("rendr", "head.nrrd")
     assert (done.returncode, "did you mean render" in one_line(done)) == (2, True)
+
+
+def test_python_runs_the_command_where_its_script_is_in_no_folder_of_path(tmp_path: Path) -> None:
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "volsplat", *words]
+        return subprocess.run(command, cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True, timeout=PATIENCE)
+
+    assert run("--version").stdout.startswith("volsplat, version")
+    mistaken = run("rendr")
+    assert mistaken.returncode == 2 and mistaken.stderr.count("\n") == 1
+    assert mistaken.stderr.endswith("(did you mean render?); see python -m volsplat --help\n")
 
 
 @pytest.mark.parametrize(
