@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from itertools import groupby
+from shlex import quote
 from typing import NamedTuple
 
 import click
@@ -88,7 +89,7 @@ class Commands(click.Group):
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         entry = ENTRIES.get(name)
         if entry is None:
-            raise click.UsageError(f"there is no command {name!r} ({meant(name, list(ENTRIES))})", context)
+            raise click.UsageError(f"there is no command {name!r} ({_command_meant(name)})", context)
         if entry.program:
             return _becoming(name, entry.program)
         if entry.torch:
@@ -106,6 +107,14 @@ class Commands(click.Group):
         """As click, without importing the commands."""
         named = [CompletionItem(name, help=ENTRIES[name].summary) for name in ENTRIES if name.startswith(incomplete)]
         return named + click.Command.shell_complete(self, ctx, incomplete)
+
+
+def _command_meant(name: str) -> str:
+    if name == "help":
+        return "it is an option, --help"
+    if os.path.exists(name.partition("#")[0]):
+        return f"to look at it: volsplat view {quote(name)}"
+    return meant(name, list(ENTRIES))
 
 
 def _need_torch(command: str) -> None:

@@ -166,9 +166,14 @@ def test_a_bad_option_is_one_clear_line_and_status_2(person: Person, head: Path,
     assert person.servers() == []
 
 
-def test_an_unknown_command_names_the_one_that_was_meant(person: Person) -> None:
-    done = person.runs("rendr", "head.nrrd")
-    assert (done.returncode, "did you mean render" in one_line(done)) == (2, True)
+def test_an_unknown_command_names_the_one_that_was_meant(person: Person, head: Path) -> None:
+    for word, cure in (
+        ("rendr", "did you mean render?"),
+        (str(head), f"to look at it: volsplat view {head}"),
+        ("help", "it is an option, --help"),
+    ):
+        done = person.runs(word, "head.nrrd")
+        assert (done.returncode, cure in one_line(done)) == (2, True)
 
 
 def test_python_runs_the_command_where_its_script_is_in_no_folder_of_path(tmp_path: Path) -> None:
