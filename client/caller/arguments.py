@@ -21,8 +21,8 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
 
 MAKE_A_SCENE = (
-    "session.default_scene() gives one, volsplat.client.scene.presets.preset_scene a preset's, and "
-    "msgspec.structs.replace changes parts of it"
+    "session.default_scene() gives one, whose with_(zoom=2) changes a part; volsplat.render(session, 'ct-bone') draws "
+    "a preset's"
 )
 GRID_AXES = ("i", "j", "k")
 _SHOWN = 60  # characters of a value that is refused
@@ -40,7 +40,7 @@ def checked_scene(scene: Scene) -> Scene:
 
 
 def checked_step(step: Step, name: str = "step") -> Step:
-    """One of the six; its letter will do. Raises BadInput."""
+    """One of A to G; its letter will do. Raises BadInput."""
     return _checked_word(step, Step, name)
 
 
