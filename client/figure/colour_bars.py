@@ -24,7 +24,8 @@ INSET = 1.2  # ems, from the figure's sides to an axis
 GAP = 0.6  # ems, above each axis
 CURVE, STRIP, TICK, TICK_LINE, HEADING_LINE = 2.2, 0.9, 0.3, 1.2, 1.3  # ems, each below the one before
 STRIP_TEXT = 0.8  # of the size of other words
-TICK_SPACING = 5.0  # ems, at least from tick to tick
+TICK_SPACING, LEAST_TICKS = 5.0, 3  # ems, at least from tick to tick where there is room for more
+SPARE = 1.2  # the room that a line may take where SVG is set in a wider font, over what it takes in ours
 LEGEND_LINE, SWATCH = 1.5, 0.8  # ems
 CURVE_OPACITY = 0.3
 
@@ -45,19 +46,21 @@ class AxisBar:
     strips: tuple[Strip, ...]
     opacities: tuple[float, ...] | None
 
-    @property
-    def height(self) -> float:
+    def height(self, width: int, em: int) -> float:
         """In ems."""
         curve = CURVE if self.opacities else 0.0
-        return GAP + curve + STRIP * len(self.strips) + TICK + TICK_LINE + HEADING_LINE
+        lines = HEADING_LINE * len(self.headings(width, em))
+        return GAP + curve + STRIP * len(self.strips) + TICK + TICK_LINE + lines
 
-    @property
-    def heading(self) -> str:
+    def headings(self, width: int, em: int) -> list[str]:
+        """What the axis and the curve are: in one line, or in two where one would be too long."""
         axis = self.axis
         words = f"{axis.label} ({axis.unit})" if axis.unit else axis.label
         if self.opacities is None:
-            return words
-        return f"{words}; curve: opacity, 0 to {max(self.opacities):.3g}"
+            return [words]
+        curve = f"curve: opacity, 0 to {max(self.opacities):.3g}"
+        both = f"{words}; {curve}"
+        return [both] if SPARE * width_of(both, em) <= width - em else [words, curve]
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class ColourBars:
     def height(self, width: int, em: int) -> int:
         """Pixels."""
         rows = len(_rows(self.legend, width, em))
-        ems = sum(bar.height for bar in self.bars) + (rows * LEGEND_LINE + GAP if rows else 0.0)
+        ems = sum(bar.height(width, em) for bar in self.bars) + (rows * LEGEND_LINE + GAP if rows else 0.0)
         return round((ems + GAP) * em) if ems else 0
 
     def shapes(self, top: float, width: int, em: int, ink: Colour) -> list[Shape]:
@@ -78,7 +81,7 @@ class ColourBars:
         shapes: list[Shape] = []
         for bar in self.bars:
             shapes += _bar_shapes(bar, top, width, em, ink)
-            top += bar.height * em
+            top += bar.height(width, em) * em
         for n, row in enumerate(_rows(self.legend, width, em)):
             base = top + (GAP + LEGEND_LINE * (n + 0.7)) * em
             for x, (name, colour) in row:
@@ -232,12 +235,13 @@ def _bar_shapes(bar: AxisBar, top: float, width: int, em: int, ink: Colour) -> l
         y += STRIP * em
     shapes.append(Line(left, y, left + across, y, hair, ink))
     low, high = bar.axis.low, bar.axis.high
-    values = ticks(low, high, max(int(across / (TICK_SPACING * em)), 2))
+    values = ticks(low, high, max(int(across / (TICK_SPACING * em)), LEAST_TICKS))
     for value, text in zip(values, tick_texts(values), strict=True):
         x = left + (value - low) / (high - low) * across
         shapes.append(Line(x, y, x, y + TICK * em, hair, ink))
         shapes.append(Words(x, y + (TICK + 0.95) * em, text, em, ink, None, Anchor.MIDDLE))
     base = y + (TICK + TICK_LINE + 0.95) * em
-    size = size_within(bar.heading, em, width - em)
-    shapes.append(Words(width / 2, base, bar.heading, size, ink, None, Anchor.MIDDLE))
+    for n, heading in enumerate(bar.headings(width, em)):
+        size = size_within(heading, em, width - em)
+        shapes.append(Words(width / 2, base + n * HEADING_LINE * em, heading, size, ink, None, Anchor.MIDDLE))
     return shapes

@@ -139,7 +139,9 @@ def test_colours_that_differ_by_a_factor_share_a_strip_and_others_have_one_each(
     assert [strip.name for strip in bar.strips] == [""]
     assert bar.strips[0].colours[-1] == pytest.approx((0.9, 0.9, 0.45))
     assert (bar.axis.low, bar.axis.high) == surveyed().automatic_window
-    assert bar.heading == "density (HU); curve: opacity, 0 to 0.4"
+    assert bar.headings(400, 11) == ["density (HU); curve: opacity, 0 to 0.4"]
+    assert bar.headings(200, 11) == ["density (HU)", "curve: opacity, 0 to 0.4"]
+    assert bar.height(200, 11) > bar.height(400, 11)
     black = replace(SCENE.tables, emit=ColourTable(points=((0.0, (0.0, 0.0, 1.0)),)))
     (bar,) = colour_bars(replace(SCENE, tables=black), surveyed()).bars
     assert [strip.name for strip in bar.strips] == ["emitted", "reflected"]
@@ -150,7 +152,7 @@ def test_a_table_along_an_axis_of_the_file_is_told_in_what_that_stands_for() -> 
     cube = replace(HEAD, axes=axes, anatomical=False)
     by_velocity = CrossBar(emit=Field.GRID_K, refl=Field.GRID_K)
     velocity, density = colour_bars(with_tables(1.0, 0.0, cross_bar=by_velocity), surveyed(cube)).bars
-    assert velocity.heading == "velocity (km/s)" and velocity.axis.high == 200.0
+    assert velocity.headings(400, 11) == ["velocity (km/s)"] and velocity.axis.high == 200.0
     assert velocity.axis.low == pytest.approx(200 - 4 * 100 * 255 / 256)
     assert velocity.strips[0].colours[-1] == (0.0, 0.1, 0.0)  # of index 0
     assert density.opacities is not None and not density.strips

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nicegui import ui
+from nicegui import events, ui
 
 from volsplat.client.figure.colour_bars import NONE, ColourBars, colour_bars
 from volsplat.client.figure.svg_file import svg_of
@@ -13,20 +13,23 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
-WIDTH, EM = 420, 13  # of the drawing, which the page makes as large as there is room
+WIDTH = 330  # CSS pixels, until the page tells how many there are
+LEAST_EM, EMS = 11, 30  # CSS pixels of the words, and how many of these the widest bar is wide
 INK = (0.95, 0.95, 0.95)
 
 _STYLE = STATIC / "controls" / "colour_bar.css"
 
 
 class ColourBar:
-    """The bar of one tab; the page hears of it only when it changes."""
+    """The bar of one tab, drawn for the room that it has there; the page hears of it only when it changes."""
 
     def __init__(self, viewing: Viewing) -> None:
         ui.add_css(_STYLE)
         self._volume = viewing.volume
-        self._shown = NONE
-        bar = ui.html("", sanitize=False).classes("vs-colours")
+        self._shown, self._width = NONE, WIDTH
+        with ui.element("div").classes("vs-colours"):
+            ui.element("q-resize-observer").on("resize", self._resize, ["width"])
+            bar = ui.html("", sanitize=False)
         self._bar = bar.props('role="img" aria-label="colours and opacities of the tables"')
         SceneEditor(viewing.model, viewing.volume.description.geometry, "colours").follow(self._follow)
 
@@ -35,7 +38,17 @@ class ColourBar:
         if bars == self._shown:
             return
         self._shown = bars
-        self._bar.content = svg_of(bars.shapes(0, WIDTH, EM, INK), WIDTH, bars.height(WIDTH, EM))
+        self._draw()
+
+    def _resize(self, event: events.GenericEventArguments) -> None:
+        width = round(event.args["width"])
+        if width not in (0, self._width):  # 0: not shown
+            self._width = width
+            self._draw()
+
+    def _draw(self) -> None:
+        width, em = self._width, max(LEAST_EM, self._width // EMS)
+        self._bar.content = svg_of(self._shown.shapes(0, width, em, INK), width, self._shown.height(width, em))
 
     def _bars(self, scene: Scene) -> ColourBars:
         """None if the wheel of phases tells the colours, or for a window without a scale, which its field tells of."""

@@ -11,6 +11,7 @@ import pytest
 from support.pages.browser import browser, browser_page, patient_context
 from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, opened
+from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, phantom, view, volume
 
 if TYPE_CHECKING:
@@ -19,6 +20,34 @@ if TYPE_CHECKING:
 __all__ = ["browser", "browser_page", "phantom", "view", "volume"]
 
 TELEPHONE, TABLET = (390, 844), (800, 600)
+LEAST_LEGIBLE = 8.0  # CSS pixels of letters that are read
+# Words whose box lies over another one's or beyond its picture, and words too small to read.
+CLASHES = """(least) => {
+    const viewport = document.querySelector(".vs-viewport"), bar = document.querySelector(".vs-colours");
+    const box = (part) => part.getBoundingClientRect();
+    const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    const within = (a, b) => a.left >= b.left && a.right <= b.right && a.top >= b.top && a.bottom <= b.bottom;
+    const found = [];
+    for (const scale of document.querySelectorAll(".vs-scale")) {
+        if (meet(box(scale), box(document.querySelector(".vs-cube")))) found.push("scale and cube");
+        for (const part of scale.children) if (!within(box(part), box(scale))) found.push("scale cut off");
+    }
+    for (const slice of document.querySelectorAll(".vs-slice")) {
+        const title = box(slice.querySelector(".vs-slice-title"));
+        if (!within(title, box(slice))) found.push("title cut off");
+        for (const letter of slice.querySelectorAll(".vs-slice-overlay text"))
+            if (meet(title, box(letter))) found.push(`title and ${letter.textContent}`);
+    }
+    for (const button of viewport.querySelectorAll(".vs-picture-buttons button"))
+        if (!within(box(button), box(viewport))) found.push("button cut off");
+    if (!within(box(bar), box(viewport))) found.push("bar cut off");
+    for (const word of bar.querySelectorAll("text")) {
+        if (!within(box(word), box(bar))) found.push(`${word.textContent} cut off`);
+        const size = word.getScreenCTM().a * parseFloat(getComputedStyle(word).fontSize);
+        if (size < least) found.push(`small ${word.textContent}`);
+    }
+    return found;
+}"""
 
 
 @contextmanager
@@ -147,3 +176,16 @@ def test_keys_reach_what_a_drawer_holds_and_leave_it(browser: Browser, view: Vie
         page.set_viewport_size({"width": 1280, "height": 800})
         expect(scene).to_be_visible()
         expect(page.get_by_role("button", name="scene", exact=True)).to_be_hidden()
+
+
+def test_nothing_that_is_read_beside_slices_lies_over_another_is_cut_off_or_too_small(
+    browser: Browser, view: Viewed
+) -> None:
+    with small_page(browser, view, TELEPHONE) as page:
+        page.get_by_role("button", name="three slices").tap()
+        page.get_by_role("button", name="colours of the tables").tap()
+        page.wait_for_function("() => document.querySelectorAll('.vs-slice[data-shown]').length === 3")
+        for width, height in (TELEPHONE, (360, 640), (768, 1024), (1280, 800), (1440, 900), TABLET):
+            page.set_viewport_size({"width": width, "height": height})
+            # The bar is drawn anew for its room, the scale with the picture.
+            until(page, lambda: page.evaluate(CLASHES, LEAST_LEGIBLE) == [])

@@ -5,6 +5,7 @@ import { svg } from "../viewport/svg.js";
 import { SliceGestures } from "./slice_gestures.js";
 
 const MARGIN = 14; // CSS pixels about the grid, for the letters
+const LETTER = { height: 12, width: 8 }; // CSS pixels, with the air about it
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST_ZOOM = 64;
 const KEY_ZOOM = 1.25;
@@ -72,6 +73,7 @@ export class SliceView {
     this.element.append(this.#canvas, overlay, this.#title, this.#wait);
     this.#listen();
     this.#observer.observe(this.element);
+    this.#observer.observe(this.#title);
   }
 
   remove() {
@@ -260,6 +262,7 @@ export class SliceView {
     const resized = width !== this.#size.width || height !== this.#size.height;
     if (width === 0 || height === 0) return; // not on the screen
     this.#size = { width, height };
+    this.#placeLetters(width, height);
     const [a, b] = this.#layout.sides;
     const [along, down] = this.#layout.size;
     const ends = (/** @type {[Point, Point]} */ pair) => pair.map(([p, q]) => this.#fromPlane(this.#layout.at(p, q)));
@@ -273,17 +276,18 @@ export class SliceView {
       const { axis } = this.#layout;
       this.#bounds.classList.toggle("vs-outside", this.#point[axis] < low[axis] || this.#point[axis] >= high[axis]);
     }
-    this.#placeLetters(width, height);
     this.drawMeasured();
     if (resized) this.#draw();
   }
 
   #placeLetters(width, height) {
     const { left, right, top, bottom } = this.#layout.letters;
+    const { offsetLeft, offsetTop, offsetWidth, offsetHeight } = this.#title;
+    const besideTitle = offsetLeft + offsetWidth + (top.length * LETTER.width) / 2 <= width / 2;
     const places = [
       [left, 3, height / 2],
       [right, width - 3, height / 2],
-      [top, width / 2, 11],
+      [top, width / 2, (besideTitle ? 0 : offsetTop + offsetHeight) + LETTER.height],
       [bottom, width / 2, height - 4],
     ];
     places.forEach(([letter, x, y], n) => {

@@ -7,6 +7,7 @@ export class Frame {
   /** @param {Size} picture in its pixels @param {Size} element in CSS pixels */
   constructor(picture, element) {
     this.picture = picture;
+    this.element = element;
     /** CSS pixels per picture pixel. */
     this.scale = Math.min(element.width / picture.width, element.height / picture.height);
     this.left = (element.width - picture.width * this.scale) / 2;

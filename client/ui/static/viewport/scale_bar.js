@@ -1,6 +1,7 @@
 // Bars of round lengths, one for each scale that the volume needs.
 
 const LONGEST = 140; // CSS pixels
+const SHARE = 0.36; // of the picture's room, at most: the cube stands beside the bars
 
 /** @typedef {import("./viewport_messages.d.ts").Scale} Scale */
 
@@ -24,9 +25,10 @@ export class ScaleBars {
     this.element.append(...this.#bars.map((bar) => bar.element));
   }
 
-  /** @param {number} zoom CSS pixels per reference spacing */
-  draw(zoom) {
-    for (const bar of this.#bars) bar.draw(zoom / this.#reference);
+  /** @param {number} zoom CSS pixels per reference spacing @param {number} width CSS pixels that the picture has */
+  draw(zoom, width) {
+    const longest = Math.min(LONGEST, SHARE * width);
+    for (const bar of this.#bars) bar.draw(zoom / this.#reference, longest);
   }
 }
 
@@ -34,7 +36,7 @@ class ScaleBar {
   #bar = document.createElement("div");
   #text = document.createElement("span");
   #scale;
-  #zoom = 0; // that is drawn
+  #drawn = ""; // what it is drawn for
 
   /** @param {Scale} scale */
   constructor(scale) {
@@ -45,12 +47,13 @@ class ScaleBar {
     this.element.append(this.#bar, this.#text);
   }
 
-  /** @param {number} perLength CSS pixels of the volume's physical unit */
-  draw(perLength) {
-    if (perLength === this.#zoom) return; // a text that is set lays out the page, even if it is the same
-    this.#zoom = perLength;
+  /** @param {number} perLength CSS pixels of the volume's physical unit @param {number} longest CSS pixels */
+  draw(perLength, longest) {
+    const asked = `${perLength} ${longest}`;
+    if (asked === this.#drawn) return; // a text that is set lays out the page, even if it is the same
+    this.#drawn = asked;
     const perUnit = perLength * this.#scale.length;
-    const length = roundLength(LONGEST / perUnit);
+    const length = roundLength(longest / perUnit);
     const unit = this.#scale.unit === "voxels" && length === 1 ? "voxel" : this.#scale.unit;
     this.#bar.style.width = `${(length * perUnit).toFixed(1)}px`;
     this.#text.textContent = [this.#scale.name, length, unit].filter((word) => word !== "").join(" ");
