@@ -27,6 +27,7 @@ class ServerState:
     boxes: tuple[Box, ...] = ()  # what it holds of the volume, or held when it was lost
     lost: bool = False
     cause: str = ""  # how it was lost, in one line
+    alone: bool = False  # no other of its role was there when it was lost
     handed_over: bool = False  # others hold what it held, or will when what is on its way is there
 
     @property
@@ -51,12 +52,13 @@ def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
 
 
 def handed_over(lost: ServerState) -> str:
-    """One line that says which server was lost while others can do its work."""
+    """One line that says which server was lost, and who does its work: others, or one that is started anew."""
     if lost.boxes:
         what = f"{part_of_volume(lost.boxes)} of the volume"
     else:
         what = f"its part of the {'image' if lost.role is Role.SPLAT_SERVER else 'volume'}"
-    return f"{lost.cause}; others take over {what}"
+    heirs = "another one is started in its place and takes over" if lost.alone else "others take over"
+    return f"{lost.cause}; {heirs} {what}"
 
 
 def losses(servers: Sequence[ServerState]) -> dict[int, str]:

@@ -91,7 +91,9 @@ class Servers:
             self.states = {n: state for n, state in self.states.items() if n != server}
             return None
         self.splat_servers = [n for n in self.splat_servers if n != server]
-        lost = replace(self.states[server], lost=True, cause=cause)
+        role = self.states[server].role
+        alone = all(other.role is not role for other in self.joined.values())
+        lost = replace(self.states[server], lost=True, cause=cause, alone=alone)
         self.note([lost])
         return lost
 

@@ -464,8 +464,11 @@ def test_after_the_loss_of_all_those_who_join_in_their_places_draw(first: int) -
     coordinator = shown()
     joined = coordinator.servers.joined
     joined.update({server: replace(one, restarts=True) for server, one in joined.items()})
-    for server in (first, *(one for one in (SPLAT, FIRST, SECOND) if one != first)):
-        coordinator.handle(ServerLost(server, GONE))
+    lost = (first, *(one for one in (SPLAT, FIRST, SECOND) if one != first))
+    told = [one for server in lost for one in coordinator.handle(ServerLost(server, GONE))]
+    assert ReportProgress(f"{GONE}; another one is started in its place and takes over its part of the image") in told
+    others = [isinstance(one, ReportProgress) and "others take over" in one.text for one in told]
+    assert sum(others) == 1, "of two map/shade servers the first one alone leaves another"
     coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
     for event in joins(LATE, ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA)):
         coordinator.handle(event)

@@ -313,7 +313,8 @@ def test_the_page_shows_how_a_lost_splat_server_is_replaced_and_starts_again_wha
             server.kill()
             # Nothing of those that were lost before, and replaced. Of the last one it is told that its connection is
             # lost or that its process has ended, whichever is seen first.
-            news = re.compile(f"splat server .*process {server.pid}.*(whole again|nothing can be drawn until)")
+            replaced = "another one is started in its place .*whole again"
+            news = re.compile(f"splat server .*process {server.pid}.*({replaced}|nothing can be drawn until)")
             told.filter(has_text=news).wait_for()
             if len(killed) < 4:  # as often another one is started within a minute
                 until(page, lambda: torch.equal(canvas(page), before))
