@@ -127,16 +127,34 @@ class Opening:
         return self.listed(str(place), "")
 
     def place_named(self, folder: str, typed: str) -> Place | str:
-        """The volume at the end of a way from a folder, or from the root, or the folder there. Raises BadInput."""
+        """The volume at the end of a way from a folder, or from the root, or the folder there.
+
+        The last name may be a part of the only one that has it. Raises BadInput, also if several have.
+        """
         name = volume_name(typed)
         below = place_below(normpath(self._root), normpath(Path(self._root, folder, name.place)))
         if below is None:
             raise BadInput(f"{typed}: is not below {self.root_name}; choose another one")
         if below.name and not name.part:
             there = self.listed(below.folder, below.name)
-            if any(entry.is_folder and not entry.is_volume and entry.name == below.name for entry in there.entries):
-                return "/".join(filter(None, (below.folder, below.name)))
+            entry = next((one for one in there.entries if one.name == below.name), None)
+            entry = entry or self._completed(below, there, ", or choose one" if below.folder == folder else "")
+            if entry is not None and entry.is_folder and not entry.is_volume:
+                return "/".join(filter(None, (below.folder, entry.name)))
+            return below if entry is None else Place(below.folder, entry.name, entry.part)
         return below._replace(part=name.part)
+
+    def _completed(self, typed: Place, there: FolderListed, choose: str) -> FolderEntry | None:
+        """The only entry that begins so or, if none does, has this in it; None where nothing has."""
+        begun = [one for one in there.entries if one.name.casefold().startswith(typed.name.casefold())]
+        alike = begun or there.entries
+        if not alike:
+            return None
+        if len(alike) == 1 and not there.left_out:
+            return alike[0]
+        count = f"{len(alike)}{' or more' if there.left_out else ''}"
+        alike_in = "begin with it" if begun else "have it in their names"
+        raise BadInput(f"{typed.name}: {count} {alike_in}; type more of it{choose}")
 
     @property
     def folders_known(self) -> list[str]:

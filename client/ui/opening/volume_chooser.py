@@ -42,12 +42,13 @@ class VolumeChooser:
         self._choices: list[Choice] = []
         self._recent: list[Place] = []
         self._newest = 0  # of the questions what lies in a folder
+        self._entered = ""  # what was typed and entered last
         ui.add_css(STATIC / "opening" / "opening.css")
         self._recent_title = ui.label("recent").classes("vs-muted")
         self._recent_list = FolderList("recent volumes", self._choose_recent)
         with ui.element("div").classes("vs-open-where"):
             self._where = ui.label("").classes("vs-entry-name")
-            self._words = ui.input("part of a name, or a path", on_change=self.look).props("dense debounce=250")
+            self._words = ui.input("part of a name, or a path", on_change=self._find).props("dense debounce=250")
             self._words.on("keydown.enter", self._open_named, js_handler="(event) => emit(event.target.value)")
         self._list = FolderList("volumes and folders", self._choose)
         self._left_out = ui.label("").classes("vs-muted")
@@ -66,6 +67,12 @@ class VolumeChooser:
         self._recent_list.show([Row(str(place), "", "", VOLUME) for place in self._recent])
         self._recent_list.set_visibility(bool(self._recent))
         self._recent_title.set_visibility(bool(self._recent))
+
+    async def _find(self) -> None:
+        """What was typed has changed; what was said of something else counts no more."""
+        if (self._words.value or "").strip() != self._entered:
+            self._trouble.text = ""
+        await self.look()
 
     async def look(self) -> None:
         """Show what lies in the folder by now; only the newest question counts."""
@@ -185,10 +192,10 @@ class VolumeChooser:
         await self.look()
 
     async def _open_named(self, event: GenericEventArguments) -> None:
-        """What was typed is the way to a volume or a folder."""
+        """What was typed is the way to a volume or a folder, of whose last name a part may do."""
         if not (typed := str(event.args).strip()):
             return
-        self._trouble.text = ""
+        self._entered, self._trouble.text = typed, ""
         try:
             place = await asyncio.to_thread(self._opening.place_named, self._folder, typed)
         except VolsplatError as error:

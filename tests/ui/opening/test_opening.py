@@ -185,6 +185,18 @@ def test_tables_are_kept_where_that_is_asked_and_so_is_the_size_of_the_picture(o
     opened.within(work)
 
 
+def test_a_part_of_a_name_stands_for_the_only_one_that_has_it_first_of_those_that_begin_so(opened: Opened) -> None:
+    (opened.folder / "scans").mkdir()
+    named = opened.opening.place_named
+    assert named("", "HEA") == named("", "ead") == named("scans", "../he") == HEAD
+    assert named("", "p") == PROTEIN and named("", "sc") == "scans"
+    assert named("", "nothing") == Place("", "nothing")
+    with pytest.raises(BadInput, match="^nrrd: 2 have it in their names; type more of it, or choose one$"):
+        named("", "nrrd")
+    with pytest.raises(BadInput, match="^nrrd: 2 have it in their names; type more of it$"):
+        named("scans", "../nrrd")
+
+
 def test_what_cannot_be_opened_is_told_and_what_was_shown_stays(opened: Opened) -> None:
     (opened.folder / "damaged.nrrd").write_bytes((opened.folder / "head.nrrd").read_bytes()[:200])
     huge = opened.folder / "huge_12000x12000x12000_uint8.raw"

@@ -94,6 +94,17 @@ def test_a_path_that_is_typed_opens_what_a_list_cannot_show(root: Path, browser_
         typed.fill("few")
         typed.press("Enter")
         expect(entry(page, "protein.nrrd")).to_be_visible()
+        typed.fill("d.n")
+        expect(entry(page, "protein.nrrd")).to_have_count(0)
+        typed.press("Enter")
+        expect(dialog.get_by_role("alert")).to_have_text(
+            "d.n: 2 have it in their names; type more of it, or choose one"
+        )
+        expect(entry(page, "second.nrrd")).to_be_visible()
+        typed.fill("DAM")
+        expect(dialog.get_by_role("alert")).to_have_text("")
+        typed.press("Enter")
+        expect(dialog.get_by_role("alert")).to_contain_text("damaged.nrrd")
         typed.fill("../zz.nrrd")
         typed.press("Enter")
         shows(page, "zz.nrrd")
