@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager, contextmanager
 import nicegui
 import uvicorn
 from fastapi import FastAPI
-from nicegui import context, ui
+from nicegui import Client, context, ui
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -90,8 +90,28 @@ class OpenPages:
         finally:
             closed()
 
+    def follow(self, client: Client) -> None:
+        """A page without a viewport is open as long as it is connected."""
+        closed: list[Callable[[], None]] = []  # one while it is
+
+        def connected() -> None:
+            if not closed:
+                closed.append(self.opened())
+
+        def gone() -> None:
+            if closed:
+                closed.pop()()
+
+        def disconnected() -> None:
+            if not client.has_socket_connection:  # it may be connected anew before the old line's end is heard of
+                gone()
+
+        client.on_connect(connected)
+        client.on_disconnect(disconnected)
+        client.on_delete(gone)
+
     def opened(self) -> Callable[[], None]:
-        """A page without a viewport is open, until what is returned is called."""
+        """One more is open, until what is returned is called."""
         self._open += 1
         return self._closed
 
@@ -201,7 +221,7 @@ class Application:
         viewing = self._shown.viewing
         link = request.query_params.get(SCENE_PARAMETER)
         if viewing is None:
-            context.client.on_delete(self._pages.opened())
+            self._pages.follow(context.client)
         elif link is not None:
             try:
                 check_link_is_of(request.query_params.get(VOLUME_PARAMETER), viewing.volume.description)

@@ -24,10 +24,8 @@ __all__ = ["browser", "browser_page", "phantom", "volume"]
 
 GRACE = 100.0
 LOADING = GRACE + LOADING_SECONDS / 2  # a browser that has the page, and not yet its scripts, takes so long
-VIEW = """
+CLOCK = """
 import sys, threading, time
-from volsplat.client import Session
-from volsplat.client.script.page_window import show_page
 from volsplat.client.ui import application
 
 class Clock:
@@ -42,6 +40,7 @@ application.CHECK_SECONDS = 0.01
 
 def obey():
     clock.now += float(sys.stdin.readline())
+    print("it is later", flush=True)
     looks = clock.looks
     while clock.looks < looks + 2:
         time.sleep(0.01)
@@ -52,15 +51,26 @@ def obey():
         time.sleep(0.01)
 
 threading.Thread(target=obey, daemon=True).start()
+"""
+VIEW = f"""{CLOCK}
+from volsplat.client import Session
+from volsplat.client.script.page_window import show_page
 with Session(sys.argv[1], workers=1) as session:
     show_page(session, session.default_scene(), 0, False, float(sys.argv[2]))
+"""
+ASK = f"""{CLOCK}
+from volsplat.client.command.cli import main
+application.RECONNECT_SECONDS = 1e6  # a tab that is gone for so long is forgotten
+sys.argv[1:] = ["view", "--no-browser", "--workers", "1", "--root", sys.argv[1], "--grace", sys.argv[2]]
+main()
 """
 
 
 @contextmanager
-def viewed_by_a_script(volume: Path) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-c", VIEW, str(volume), str(GRACE)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+def viewed_by_a_script(script: str, path: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-c", script, str(path), str(GRACE)]
+    said = subprocess.STDOUT
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True) as process:
         watchdog = threading.Timer(2 * PATIENCE, process.kill)
         watchdog.start()
         try:
@@ -85,7 +95,7 @@ def goes_on(process: subprocess.Popen[str], seconds: float) -> None:
 def test_it_does_not_end_between_a_page_s_first_answer_and_its_scripts(volume: Path, browser_page: Page) -> None:
     held: list[Route] = []
     browser_page.route(re.compile(r"\.m?js"), lambda route: held.append(route))
-    with viewed_by_a_script(volume) as process:
+    with viewed_by_a_script(VIEW, volume) as process:
         browser_page.goto(told(process.stdout, r"http://\S+token=\S+"), wait_until="commit")
         goes_on(process, LOADING)
         told(process.stdout, "it was looked")
@@ -94,5 +104,19 @@ def test_it_does_not_end_between_a_page_s_first_answer_and_its_scripts(volume: P
             route.continue_()
         browser_page.wait_for_function(REFINED)
         browser_page.goto("about:blank")
+        goes_on(process, GRACE)
+        assert process.wait(PATIENCE) == 0
+
+
+def test_a_page_without_a_volume_is_open_until_its_tab_is_closed_and_no_longer(
+    volume: Path, browser_page: Page
+) -> None:
+    with viewed_by_a_script(ASK, volume.parent) as process:
+        browser_page.goto(told(process.stdout, r"http://\S+token=\S+"))
+        browser_page.get_by_role("button", name="head.nrrd").wait_for()
+        goes_on(process, 10 * GRACE)
+        told(process.stdout, "it is later")
+        browser_page.goto("about:blank")
+        told(process.stdout, "it was looked")
         goes_on(process, GRACE)
         assert process.wait(PATIENCE) == 0
