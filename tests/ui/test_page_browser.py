@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +17,8 @@ from PIL import Image as PillowImage
 from support.files.opened import read_whole
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
-from support.pages.page_tab import after, canvas, drag, opened, save
-from support.pages.tables_tab import until
+from support.pages.page_tab import after, canvas, drag, opened, pixels_of, save
+from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, view, viewed, volume
 from support.patience import PATIENCE
 from support.programs.server_processes import is_server
@@ -185,13 +186,12 @@ def test_two_tabs_stay_in_step(view: Viewed, page: Page) -> None:
 def test_the_saved_image_is_what_is_seen_and_holds_its_scene(page: Page, volume: Path, tmp_path: Path) -> None:
     path = tmp_path / "saved.png"
     path.write_bytes(save(page, "image as PNG"))
-    image = PillowImage.open(path).convert("RGBA")
-    saved = torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(image.height, image.width, 4)
+    saved = pixels_of(path.read_bytes())
     assert torch.equal(saved, canvas(page))
     scene = read_scene(path)
     toml = save(page, "scene as TOML").decode()
     assert scene_from_toml(toml, scene, "saved") == scene
-    assert (scene.image.width, scene.image.height) == (image.width, image.height)
+    assert (scene.image.height, scene.image.width) == saved.shape[:2]
 
 
 def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: Page, tmp_path: Path) -> None:
@@ -207,6 +207,37 @@ def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: 
     page.locator(".vs-view canvas").first.focus()
     undone = after(page, lambda: page.keyboard.press("Control+z"))
     assert undone[0, 0, :3].tolist() == [0, 0, 0]
+
+
+def test_a_scene_file_brings_its_very_picture_back_after_tables_view_and_step_were_changed(
+    page: Page, tmp_path: Path
+) -> None:
+    def saved(name: str) -> tuple[Path, torch.Tensor]:
+        (tmp_path / name).write_bytes(save(page, "scene as TOML"))
+        return tmp_path / name, pixels_of(save(page, "image as PNG"))  # of the newest scene, once it is finished
+
+    def pull_down() -> None:
+        place = box(page.locator('section[aria-label="Opacity"] circle[role=slider]').last)
+        x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x, y + 15, steps=3)
+        page.mouse.up()
+
+    def shows(seen: torch.Tensor) -> None:
+        until(page, lambda: torch.equal(canvas(page), seen))
+
+    picker = page.locator("input[type=file][accept^='.toml']").first
+    kept = [saved("first.toml")]
+    for name, dx, step in (("second.toml", 70, "refine to G"), ("third.toml", -40, "refine to F")):
+        after(page, pull_down)
+        after(page, partial(drag, page, dx, 20))
+        after(page, page.get_by_role("button", name=step).click)
+        kept.append(saved(name))
+        assert not torch.equal(kept[-1][1], kept[-2][1])
+    for path, seen in (kept[1], kept[0]):  # of step G and F
+        picker.set_input_files(path)
+        shows(seen)
 
 
 def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:

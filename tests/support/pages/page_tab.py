@@ -29,7 +29,12 @@ def canvas(page: Page) -> torch.Tensor:
     data = page.evaluate(
         "() => window.volsplatViewport.canvas.toDataURL('image/png').slice('data:image/png;base64,'.length)"
     )
-    image = PillowImage.open(io.BytesIO(base64.b64decode(data))).convert("RGBA")
+    return pixels_of(base64.b64decode(data))
+
+
+def pixels_of(png: bytes) -> torch.Tensor:
+    """Of an image in a file, (H, W, 4) uint8."""
+    image = PillowImage.open(io.BytesIO(png)).convert("RGBA")
     return torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(image.height, image.width, 4)
 
 
