@@ -231,6 +231,23 @@ def test_a_line_that_stands_still_for_long_leaves_the_page_and_what_was_typed_as
     field.press("Escape")
 
 
+def test_what_is_typed_and_not_entered_outlives_that_the_page_is_loaded_anew(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    field, told = page.get_by_label("centre i"), page.get_by_text("“north” is not a number")
+    value = field.input_value()
+    field.fill("north")
+    told.wait_for()
+    page.reload()
+    expect(field).to_have_value("north")
+    expect(field).to_be_focused()
+    told.wait_for()
+    page.get_by_label("centre j").focus()
+    page.reload()
+    page.wait_for_function(REFINED)
+    expect(field).to_have_value(value)
+
+
 # -- what moves
 
 

@@ -1,4 +1,5 @@
-// The Vue wrapper of kept_events.js.
+// The Vue wrapper of kept_events.js and drafts.js.
+import { keepDraft } from "volsplat/controls/drafts.js";
 import { keepEvents, keepPage } from "volsplat/controls/kept_events.js";
 
 export default {
@@ -8,5 +9,6 @@ export default {
     const page = /** @type {any} */ (window);
     keepEvents(page.socket);
     keepPage(page.socket, () => page.did_handshake);
+    keepDraft();
   },
 };
