@@ -365,9 +365,10 @@ class Reconstruction(Part, frozen=True):
     precise: Annotated[
         bool,
         Key(
-            "Footprints at all 64 offsets a pixel, however large they are: for final images. Half as slow again where"
-            " voxels\nare large. Steps A to C look along each pixel's ray, however small voxels are.\nA prepared"
-            " volume is drawn from its own voxels at any zoom, as far as memory allows, and not from means of them.",
+            "Footprints at all 64 offsets a pixel, however large they are: for final images. Takes up to twice as"
+            " long\nwhere voxels are large. Steps A to C look along each pixel's ray, however small voxels are.\nA"
+            " prepared volume is drawn from its own voxels at any zoom, as far as memory allows, and not from means of"
+            " them.",
             Switch("precise footprints"),
         ),
     ] = False
