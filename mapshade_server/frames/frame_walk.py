@@ -113,7 +113,7 @@ def _sheet_walk(
     directions = quantisation.directions_at(plan.factors)
     mixture = mixture_of(sub_cubes)
     cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading, mixture)
-    colours = shading_tables.frame_colours(shading, mixture)
+    colours = shading_tables.frame_colours(shading, mixture, geometry)
     distinct = sorted(set(plan.opacity_exponents))
     return _kernels.FrameWalk(
         boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],

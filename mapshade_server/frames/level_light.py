@@ -1,16 +1,17 @@
 """How bright a level is against the level before, by what is seen in its columns, and what makes up for that.
 
 Along a column (held/level_columns.py) the light is summed that the level's voxels send to the viewer, and that of the
-voxels that they stand for. What a level emits is multiplied by how these sums compare over all six sides; the light
-that falls on it, by how they compare from where the viewer is, for the frame's own light. Each level is compared with
-the one before, so the factors of levels multiply.
+voxels that they stand for. What a level emits, and the light that falls on it, are multiplied by how these sums compare
+from where the viewer is: layers seen edge on gain more by a coarser level than those seen from above. Each level is
+compared with the one before, so the factors of levels multiply.
 
 A layer lets exp(-depth) through: the depth that it has by footprints of a pixel a voxel on the level, of half a pixel
 on the one before (see level_gain).
 """
 
 import math
-from functools import cached_property, lru_cache
+from collections.abc import Iterable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,7 @@ class SeenLevel:
     """A level and the level before, from their six sides, as some tables show them."""
 
     def __init__(self, columns: LevelColumns, finer: Look, coarser: Look) -> None:
-        self._columns = columns
+        self._areas = [columns.area(axis) for axis in range(3)]
         level_thickness = columns.thickness[-1]
         layers = [
             depths(look.opacity, thickness, (thickness / level_thickness) ** 2)
@@ -75,27 +76,38 @@ class SeenLevel:
             for from_high in (False, True):
                 self._sides[axis, from_high] = columns.seen(axis, from_high, looks[0], looks[1])
 
-    @cached_property
-    def emission(self) -> float:
-        """What multiplies what the level emits."""
-        emitted = [(self._columns.area(axis), seen.emitted) for (axis, _), seen in self._sides.items()]
-        finer, coarser = (math.fsum(area * both[which] for area, both in emitted) for which in (0, 1))
-        return factor(finer, coarser)
+    def emission(self, eye: Vector | None) -> float:
+        """What multiplies what the level emits to `eye`, which is towards the viewer, along i, j, k; with None on the
+        mean over all sides.
+
+        From both ends of each axis: whether layers are seen edge on is the same from both, and chance is halved.
+        """
+        weights = [1.0 if eye is None else abs(eye[axis]) for axis in range(3)]
+        seen = [
+            (weights[axis] * self._areas[axis], self._sides[axis, from_high].emitted)
+            for axis in range(3)
+            for from_high in (False, True)
+        ]
+        return _compared((area * finer, area * coarser) for area, (finer, coarser) in seen)
 
     def light(self, eye: Vector, finer: Light, coarser: Light) -> float:
         """What multiplies the light on the level; `finer` is that on the level before, by direction codes of its own.
 
-        `eye` is towards the viewer, along i, j, k.
+        `eye` is as above.
         """
         seen = [
-            (abs(along) * self._columns.area(axis), self._sides[axis, along > 0.0].reflected)
-            for axis, along in enumerate(eye)
+            (abs(along) * self._areas[axis], self._sides[axis, along > 0.0].reflected) for axis, along in enumerate(eye)
         ]
-        of_finer, of_coarser = (
-            math.fsum(area * float((both[which] * light).sum()) for area, both in seen)
-            for which, light in enumerate((finer, coarser))
+        return _compared(
+            (area * float((of_finer * finer).sum()), area * float((of_coarser * coarser).sum()))
+            for area, (of_finer, of_coarser) in seen
         )
-        return factor(of_finer, of_coarser)
+
+
+def _compared(sums: Iterable[tuple[float, float]]) -> float:
+    """Of what is seen of the finer and of the coarser level from each side."""
+    of_finer, of_coarser = zip(*sums, strict=True)
+    return factor(math.fsum(of_finer), math.fsum(of_coarser))
 
 
 def factor(finer: float, coarser: float) -> float:

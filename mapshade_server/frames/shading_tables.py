@@ -14,7 +14,7 @@ from volsplat.protocol.description.patches import PLANE_ENTRIES, Patches, colour
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
-from volsplat.protocol.geometry.matrices import Matrix
+from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.rules.index_rules import ROUGHNESS_COSINES, DirectionCode, Quantisation, grid_index_bytes
 from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 
@@ -117,14 +117,23 @@ class FrameColours(NamedTuple):
     of_plane: bool
 
 
-def frame_colours(shading: ShadingRule, mixture: LevelMixture | None = None) -> FrameColours:
+def frame_colours(
+    shading: ShadingRule, mixture: LevelMixture | None = None, geometry: Geometry | None = None
+) -> FrameColours:
+    """`geometry` is the volume's; without it a level emits what it does on the mean over all sides, and not what the
+    viewer sees."""
     rule = _colour_rule(shading, mixture)
     if rule.is_mixed:
-        return _mixed_colours(rule)
+        eye = None if geometry is None else _eye(shading.lighting, geometry)
+        return _mixed_colours(rule, _emission(rule, eye))
     if rule.patches:
         table = plane(rule.patches)
         return FrameColours(table.emit, table.refl, True)
     return FrameColours(colours(rule.emit), colours(rule.refl), False)
+
+
+def _eye(lighting: Lighting, geometry: Geometry) -> Vector:
+    return eye_along_axes(lighting.light, lighting.half_way, geometry)
 
 
 def _colour_rule(shading: ShadingRule, mixture: LevelMixture | None) -> ColourRule:
@@ -133,12 +142,19 @@ def _colour_rule(shading: ShadingRule, mixture: LevelMixture | None) -> ColourRu
 
 
 @lru_cache(KEPT_PLANES)
-def _mixed_colours(rule: ColourRule) -> FrameColours:
-    emitted, reflected = _mean_colours(rule)
-    emit, refl = np.zeros((2, PLANE_ENTRIES, 4), np.float32)
-    emit[:, :3] = np.minimum(emitted * _emission(rule), 1.0)
-    refl[:, :3] = reflected
-    return FrameColours(emit.data, refl.data, True)
+def _mixed_colours(rule: ColourRule, emission: float) -> FrameColours:
+    emit, refl = _mean_entries(rule)
+    emitted = emit * np.float32(emission)
+    np.minimum(emitted, np.float32(1.0), out=emitted)
+    return FrameColours(emitted.data, refl.data, True)
+
+
+@lru_cache(KEPT_PLANES)
+def _mean_entries(rule: ColourRule) -> NDArray[np.float32]:
+    """Emitted and reflected, as in `FrameColours`."""
+    entries = np.zeros((2, PLANE_ENTRIES, 4), np.float32)
+    entries[..., :3] = _mean_colours(rule)
+    return entries
 
 
 @lru_cache(KEPT_PLANES)
@@ -190,10 +206,10 @@ def _look(rule: ColourRule) -> Look:
     return Look(opacity, emit.mean(axis=1), refl.mean(axis=1))
 
 
-def _emission(rule: ColourRule) -> float:
+def _emission(rule: ColourRule, eye: Vector | None) -> float:
     """What multiplies what a level emits."""
     seen = _seen_level(rule)
-    return 1.0 if seen is None else seen.emission * _emission(_of_finer(rule))
+    return 1.0 if seen is None else seen.emission(eye) * _emission(_of_finer(rule), eye)
 
 
 def frame_light(
@@ -226,8 +242,7 @@ def _light_factor(rule: ColourRule, lighting: Lighting, geometry: Geometry, own_
     finer = _of_finer(rule)
     codes = own_codes if finer.opacity.mixture is None else "rough"
     lights = (np.asarray(light_of_directions(lighting, code)).astype(np.float64) for code in (codes, "rough"))
-    eye = eye_along_axes(lighting.light, lighting.half_way, geometry)
-    return seen.light(eye, *lights) * _light_factor(finer, lighting, geometry, own_codes)
+    return seen.light(_eye(lighting, geometry), *lights) * _light_factor(finer, lighting, geometry, own_codes)
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:

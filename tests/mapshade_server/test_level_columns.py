@@ -2,16 +2,19 @@
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from torch import Tensor
 
 from reference import level_columns
 from support.scenes.arbitrary import geometries
 from support.scenes.level_packets import FACTORS, SIZES, as_packets, drawn_packets, halves
+from support.thoroughness import examples
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, depths, eye_along_axes, factor
 from volsplat.mapshade_server.held.level_columns import COLUMN_VOXELS, LevelColumns, columns_of, rows_within
@@ -98,10 +101,57 @@ def test_what_is_emitted_and_reflected_is_made_up_for_apart(eye: matrices.Vector
     opacity = np.full(65536, 0.001)
     finer, coarser = (Look(opacity, np.full(65536, emitted), np.full(65536, 0.5)) for emitted in (0.6, 0.5))
     seen = SeenLevel(columns, finer, coarser)
-    assert seen.emission == pytest.approx(1.2, abs=0.002)
+    assert seen.emission(eye) == seen.emission(None) == pytest.approx(1.2, abs=0.002)
     light, other_light = np.zeros((2, 32768))
     light[5], other_light[7] = 0.9, 1.0
     assert seen.light(eye, light, other_light) == pytest.approx(0.9, abs=0.002)
+
+
+class AnyLevel(NamedTuple):
+    seen: SeenLevel
+    rows: Tensor
+    looks: list[Look]  # of the volume and of the level
+    dims: Index
+
+
+def any_level(seed: int) -> AnyLevel:
+    volume, random = Geometry((4, 4, 4)), torch.Generator().manual_seed(seed)
+    level = halved_geometry(volume)
+    rows = drawn_packets((columns_of(level.dims)[-1].end, 9), seed)
+    looks = [Look(*torch.rand((3, 65536), dtype=torch.float64, generator=random).numpy()) for _ in range(2)]
+    seen = SeenLevel(LevelColumns(volume, volume, level, as_packets(rows)), looks[0], looks[1])
+    return AnyLevel(seen, rows, looks, level.dims)
+
+
+@settings(max_examples=examples(20))
+@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), along=st.sampled_from([1.0, -1.0]))
+def test_along_each_axis_a_level_emits_what_the_reference_sees_of_the_one_before(
+    seed: int, axis: int, along: float
+) -> None:
+    seen, rows, looks, dims = any_level(seed)
+    tables = [
+        torch.from_numpy(np.stack((depths(look.opacity, thickness, thickness**2 / 4), *look[1:]), axis=1))
+        for look, thickness in zip(looks, (1.0, 2.0), strict=True)
+    ]
+    columns = columns_of(dims)[axis]
+    sums = [
+        level_columns.seen(column, axis, from_high, tables[0], tables[1])[:2]
+        for column in rows[columns.begin : columns.end].reshape(columns.number, columns.depth, -1)
+        for from_high in (False, True)
+    ]
+    finer, coarser = (math.fsum(each) for each in zip(*sums, strict=True))
+    i, j, k = (along * (n == axis) for n in range(3))
+    assert seen.emission((i, j, k)) == factor(finer, coarser)
+
+
+@settings(max_examples=examples(20))
+@given(seed=st.integers(0, 1000), turn=st.floats(0.0, 6.0), rise=st.floats(-1.5, 1.5))
+def test_obliquely_a_level_emits_between_what_it_does_along_the_axes(seed: int, turn: float, rise: float) -> None:
+    seen = any_level(seed).seen
+    eye = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
+    sides = [(eye[0], 0.0, 0.0), (0.0, eye[1], 0.0), (0.0, 0.0, eye[2])]
+    of_sides = [seen.emission(side) for side, along in zip(sides, eye, strict=True) if along]
+    assert min(of_sides) <= seen.emission(eye) <= max(of_sides)
 
 
 def test_of_nothing_there_is_nothing_to_make_up_for() -> None:
