@@ -180,7 +180,6 @@ def test_two_tabs_stay_in_step(view: Viewed, page: Page) -> None:
         f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.number > {number}; }}"
     )
     assert torch.equal(canvas(other), canvas(page))
-    other.close()
 
 
 def test_the_saved_image_is_what_is_seen_and_holds_its_scene(page: Page, volume: Path, tmp_path: Path) -> None:

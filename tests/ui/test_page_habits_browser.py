@@ -8,7 +8,7 @@ import psutil
 import pytest
 import torch
 
-from support.pages.browser import browser, browser_page
+from support.pages.browser import browser, browser_page, close_tab
 from support.pages.lossy_line import LossyLine
 from support.pages.page_tab import after, canvas, drag, opened
 from support.pages.tables_tab import box, until
@@ -124,7 +124,7 @@ def test_a_smaller_window_takes_the_picture_only_for_as_long_as_it_is_used(view:
     drag(small, 20, 5)
     small.wait_for_function(REFINED)
     until(page, lambda: picture_size(page) == picture_size(small))
-    small.close()
+    close_tab(small)
     page.wait_for_function(REFINED)
     assert picture_size(page) == size
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import shutil
 import socket
 import threading
+import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -73,9 +74,20 @@ def _forget(context: BrowserContext, origins: Iterable[str]) -> None:
     for origin in origins:
         storage.send("Storage.clearDataForOrigin", {"origin": origin, "storageTypes": "local_storage"})
     for page in context.pages:
-        page.close()
+        close_tab(page)
     context.clear_cookies()
     context.clear_permissions()
+
+
+def close_tab(page: Page) -> None:
+    """Chromium may forget to close a tab that is just being loaded anew; `Page.close` would wait for it for ever."""
+    from playwright.sync_api import TimeoutError
+
+    deadline = time.monotonic() + PATIENCE
+    while not page.is_closed():
+        assert time.monotonic() < deadline, "a tab never closed"
+        with suppress(TimeoutError), page.expect_event("close", timeout=1000):
+            page.close(run_before_unload=True)  # the only way that does not wait
 
 
 @contextmanager

@@ -96,7 +96,6 @@ def test_another_volume_is_opened_by_keys_and_every_tab_goes_over_to_it_and_back
     for tab in (page, other):
         shows(tab, "head.nrrd")
     assert torch.equal(canvas(page), turned), "it is as it was left"
-    other.close()
 
 
 def test_a_series_is_found_by_its_description_and_a_name_by_a_part_of_it(page: Page) -> None:
@@ -152,7 +151,6 @@ def test_while_one_is_opened_all_tabs_say_so_the_old_one_turns_and_any_tab_gives
     expect(dialog(page).get_by_role("alert")).to_be_hidden()
     wait_until(lambda: not any(server.is_running() for server in new), "the new servers end")
     assert page.title() == other.title() == "head.nrrd – volsplat"
-    other.close()
 
 
 def test_servers_that_are_lost_while_one_is_opened_are_replaced(view: Viewed, page: Page) -> None:

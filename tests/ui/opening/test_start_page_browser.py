@@ -77,7 +77,6 @@ def test_the_page_asks_and_every_tab_goes_over_to_the_phantom_that_is_chosen(roo
         page.keyboard.press("o")
         entry(page, "protein.nrrd").click()
         shows(page, "protein.nrrd")
-        other.close()
 
 
 def test_a_path_that_is_typed_opens_what_a_list_cannot_show(root: Path, browser_page: Page) -> None:
