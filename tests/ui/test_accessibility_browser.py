@@ -98,6 +98,19 @@ def test_whatever_can_be_operated_has_a_name_and_sliders_have_values(page: Page)
         assert slider.value is not None and slider.properties["valuemin"] < slider.properties["valuemax"]
 
 
+DURATIONS = """() => [...document.querySelectorAll("*")].map((part) => getComputedStyle(part))
+    .flatMap((style) => [style.transitionDuration, style.animationDuration].join(", ").split(", "))"""
+
+
+def test_who_wants_less_motion_sees_none(page: Page) -> None:
+    page.get_by_role("button", name="Presets").click()
+    page.locator(".vs-preset").last.wait_for()
+    page.emulate_media(reduced_motion="no-preference")
+    assert set(page.evaluate(DURATIONS)) > {"0s"}
+    page.emulate_media(reduced_motion="reduce")
+    assert set(page.evaluate(DURATIONS)) == {"0s"}
+
+
 def test_every_part_is_reached_within_ten_tabs(page: Page) -> None:
     for part, place in PARTS.items():
         page.evaluate(TO_THE_BEGINNING)

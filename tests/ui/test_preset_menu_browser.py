@@ -56,7 +56,7 @@ def test_each_preset_shows_its_colours_where_they_are_opaque(tab: Tab) -> None:
 def open_menu(tab: Tab) -> None:
     tab.page.get_by_text("Presets", exact=True).click()
     tab.page.locator(".vs-preset").last.wait_for()
-    tab.page.wait_for_timeout(400)  # while it opens
+    tab.page.wait_for_function("() => document.querySelector('.q-menu').contains(document.activeElement)")
 
 
 def choose(tab: Tab, name: str) -> None:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
 _POLICY = "Content Security Policy"
+# Code that runs a few times is not worth what it costs to compile it well.
+_ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--js-flags=--no-opt --no-maglev")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def browser() -> Iterator[Browser]:
         pytest.skip("the browser tests need Chromium: apt install chromium-headless-shell, or chromium")
     playwright.expect.set_options(timeout=1000 * PATIENCE)
     with playwright.sync_playwright() as running:
-        launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
+        launched = running.chromium.launch(executable_path=executable, args=_ARGUMENTS)
         with patient_context(launched, viewport={"width": 1280, "height": 800}):
             yield launched
         launched.close()
@@ -92,8 +94,11 @@ def close_tab(page: Page) -> None:
 
 @contextmanager
 def patient_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
-    """Tabs as of a browser started anew, which wait as tests do."""
-    with browser.new_context(**options) as context:
+    """Tabs as of a browser started anew, which wait as tests do, and move nothing by themselves unless asked to.
+
+    Each frame of an animation takes as much as a test's click.
+    """
+    with browser.new_context(**{"reduced_motion": "reduce"} | options) as context:
         context.set_default_timeout(1000 * PATIENCE)
         yield context
 

@@ -134,6 +134,9 @@ def _piped_command(words: list[str], folder: Path, environment: dict[str, str], 
 
 
 def _become(words: list[str], folder: Path, environment: dict[str, str]) -> NoReturn:
+    from volsplat.client.ui import application  # loaded already
+
+    application.RECONNECT_SECONDS = PATIENCE  # a page that a busy machine keeps waiting is not loaded anew
     os.chdir(folder)
     os.environ.update(environment)  # what libraries have set while they were loaded stays
     sys.argv = words

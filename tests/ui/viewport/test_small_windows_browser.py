@@ -54,7 +54,8 @@ CLASHES = """(least) => {
 def small_page(browser: Browser, view: Viewed, size: tuple[int, int]) -> Iterator[Page]:
     width, height = size
     window = {"width": width, "height": height}
-    with patient_context(browser, viewport=window, has_touch=True, is_mobile=True) as context:
+    moving = {"has_touch": True, "is_mobile": True, "reduced_motion": "no-preference"}
+    with patient_context(browser, viewport=window, **moving) as context:
         yield opened(context.new_page(), view.url)
 
 
