@@ -365,6 +365,7 @@ def test_refinement_and_kernel_are_chosen(tab: Tab) -> None:
     tab.becomes(lambda scene: scene.refine.bare_buffer, True)
     tab.page.get_by_label("kernel", exact=True).click()
     tab.page.get_by_role("option", name="bspline").click()
+    tab.page.get_by_role("listbox").wait_for(state="hidden")  # it takes the focus along while it closes
     tab.becomes(lambda scene: scene.reconstruction.kernel, Kernel.BSPLINE)
     tab.types("radius, a number", "2.5")
     tab.becomes(lambda scene: scene.reconstruction.radius, 2.5)
