@@ -22,7 +22,6 @@ class ProgressLines:
         self._total = total
         self._words = words
         self._clock = clock
-        self._done = 0
         self._first: tuple[int, float] | None = None  # parts that were done when some first were, and when
         self._silent_until = 0.0
 
@@ -30,13 +29,9 @@ class ProgressLines:
         """What is being done from now on."""
         self._words = words
 
-    def advance(self) -> None:
-        """One more part is done."""
-        self.reach(self._done + 1)
-
     def reach(self, done: int) -> None:
         """So many parts are."""
-        self._done, now = done, self._clock()
+        now = self._clock()
         if self._first is None:
             self._first = done, now
         parts, began = self._first

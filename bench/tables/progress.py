@@ -2,21 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
-from volsplat.program.plain_console import PlainConsole, task_words
-from volsplat.program.progress_lines import ProgressLines
+from volsplat.client.command import progress_bar
+from volsplat.program.plain_console import PlainConsole
 
 
 @contextmanager
 def shown_progress(title: str, total: int) -> Iterator[Callable[[], None]]:
     """Gives what to call after each of `total` parts of the work."""
-    console = PlainConsole(stderr=True)
-    if not console.is_terminal:
-        yield ProgressLines(console, total, title).advance
-        return
-    columns = (task_words(), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        task = progress.add_task(title, total=total)
-        yield lambda: progress.advance(task)
+    with progress_bar.shown_progress(total, PlainConsole(stderr=True)) as (describe, reach):
+        describe(title)
+        parts = count(1)
+        yield lambda: reach(next(parts))

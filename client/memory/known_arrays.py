@@ -78,7 +78,11 @@ def _xarray(array: Any) -> ArraySource:
     _check_axes(array.ndim, "choose the others' places, as in array.isel(time=0)")
     named = {str(name).lower(): name for name in array.dims}
     order = [named[axis] for axis in "zyx"] if set(named) == set("xyz") else list(array.dims)
-    coordinates = {name: (one.values, str(one.attrs.get("units", ""))) for name, one in array.coords.items()}
+    coordinates = {
+        name: (array.coords[name].values, str(array.coords[name].attrs.get("units", "")))
+        for name in order
+        if name in array.coords
+    }
     return _by_coordinates(
         array.transpose(*order).data,
         order,

@@ -13,9 +13,9 @@ def lines_of(seconds: list[float], words: str = "work") -> list[str]:
     console, now = PlainConsole(stderr=True), 0.0
     lines = ProgressLines(console, len(seconds), words, lambda: now)
     with console.capture() as told:
-        for one in seconds:
+        for done, one in enumerate(seconds, start=1):
             now += one
-            lines.advance()
+            lines.reach(done)
     return told.get().splitlines()
 
 
