@@ -9,6 +9,9 @@ from pathlib import Path
 from volsplat.protocol.description.machine import LONGEST_TEXT, Machine
 
 CPUS = Path("/proc/cpuinfo")
+# Of one machine. Each has walkers enough for its share of the cores, and more of them only cost: on 16 cores frames of
+# 16 servers take 1.2 to 1.5 times as long as those of 4.
+ENOUGH_SERVERS = 4
 
 
 @cache
@@ -22,6 +25,11 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def usual_servers() -> int:
+    """How many map/shade servers start on this machine if nobody says how many."""
+    return min(usable_cores(), ENOUGH_SERVERS)
 
 
 def _cpu_name() -> str:

@@ -23,7 +23,7 @@ from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.many_imports import many_imports
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS, silence_option, tls_option
-from volsplat.program.this_machine import usable_cores
+from volsplat.program.this_machine import usable_cores, usual_servers
 from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
@@ -55,7 +55,7 @@ COUNT = click.IntRange(min=1)
 # How many servers there are, and what those started here may use.
 server_options = headed(
     SERVERS,
-    click.option("--workers", type=COUNT, default=usable_cores(), help="Map/shade servers (cores)."),
+    click.option("--workers", type=COUNT, default=usual_servers(), help="Map/shade servers (cores, 4 at most)."),
     click.option("--splat-servers", type=COUNT, default=1, help="Splat servers, which share the image (1)."),
     click.option(
         "--threads",

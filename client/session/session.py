@@ -63,7 +63,7 @@ from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
-from volsplat.program.this_machine import usable_cores
+from volsplat.program.this_machine import usable_cores, usual_servers
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
@@ -136,7 +136,7 @@ class Session:
         splat_servers = checked_count(splat_servers, "splat_servers")
         silence = min(checked_number(silence, "silence", least=LEAST_SILENCE), MOST_SILENCE)
         encryption = Encryption.of(tls)
-        workers = usable_cores() if workers is None else checked_count(workers, "workers")
+        workers = usual_servers() if workers is None else checked_count(workers, "workers")
         threads = usable_cores() if threads is None else checked_count(threads, "threads")
         self._cluster = None if cluster is None else ClusterServers(Path(cluster), on_progress)
         if self._cluster is not None:
