@@ -9,7 +9,7 @@ INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 SHARED_NUMBERS := $(addprefix protocol/rules/,closed_tiles.py image_tiles.py index_rules.py packet_layout.py rounding.py)
 BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(SHARED_NUMBERS) \
-	$(wildcard kernels/* kernels/tables/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
+	$(wildcard kernels/* kernels/channels/* kernels/tables/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test docs clang aarch64 bench clean
@@ -81,7 +81,7 @@ tools:
 		($(call INSTALL,chromium))
 	@($(call INSTALL,$(ENGINES))) || echo "no Slurm could be installed; tests that need it will be skipped"
 
-CPP := $(foreach room,kernels kernels/tables */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))
+CPP := $(foreach room,kernels kernels/channels kernels/tables */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))
 
 # In parts that -j does side by side: mypy takes a core for a minute.
 test: lint types tried ## lint, type-check and test, the properties on the baseline CPU path as well

@@ -267,13 +267,46 @@ class Walker:
     def source(self) -> object:
         """A capsule: see kernels/batch_source.h."""
 
-    def next_batch(
-        self, max_packets: int, max_voxels: int
-    ) -> tuple[list[tuple[memoryview, memoryview, int, int]], tuple[int, int], bool, int]:
-        """Runs, shaded packets and their counts for each region; (sheet, row) reached, if the last, voxels visited."""
+    def next_batch(self, max_packets: int, max_voxels: int) -> Batch: ...
 
-def put_side_by_side(memories: Sequence[memoryview], target: memoryview) -> None:
-    """Copies bytes to where the target begins, one memory after the other. Raises ValueError if it is too small."""
+class Batch:
+    """What a walker delivers at once."""
+
+    @property
+    def parts(self) -> list[tuple[memoryview, memoryview, int, int]]:
+        """Runs, shaded packets and their counts for each region."""
+
+    @property
+    def reached(self) -> tuple[int, int]:
+        """(sheet, row)"""
+
+    @property
+    def last(self) -> bool: ...
+    @property
+    def voxels_visited(self) -> int: ...
+    @property
+    def packet_count(self) -> int: ...
+    def bytes(self, first: int, end: int) -> int:
+        """Of the parts from `first` to before `end`."""
+
+class ChannelMemory:
+    """The memory of a link's channels, as the process has it that fills them; see kernels/channels/batch_channels.h."""
+
+    def __init__(self, descriptor: int, walkers: int, blocks: int, block_bytes: int) -> None:
+        """The descriptor stays open. Raises OSError or RuntimeError where it cannot be mapped."""
+    @staticmethod
+    def bytes(walkers: int, blocks: int, block_bytes: int) -> int:
+        """What so many channels take."""
+
+class BatchChannel:
+    """A walker's end of its channel. One thread at a time may call."""
+
+    def __init__(self, memory: ChannelMemory, walker: int) -> None: ...
+    def begin(self, frame: int, batch: Batch, first: int, end: int) -> None:
+        """Send the batch's parts from `first` to before `end` next. What was not sent before never will be."""
+
+    def send(self, seconds: float) -> bool:
+        """Send as much as there is room for within so many seconds. True once all has gone."""
 
 class BatchEncoder:
     """Writes batches of one frame without what follows from its lattice; see batch_code.h."""

@@ -44,13 +44,10 @@ class BatchMemory:
     """A batch's payload: for each region its row runs (24 bytes each), then its packets (8 bytes each).
 
     `parts` are their counts; ValueError if they do not fit. The payload may be any contiguous CPU memory. It is pinned
-    while this lives or has been pushed and not splatted, and counts in the budget so long. If it is `shared`, somebody
-    else may write to it.
+    while this lives or has been pushed and not splatted, and counts in the budget so long.
     """
 
-    def __init__(
-        self, payload: object, parts: Sequence[tuple[int, int]], budget: ReadBudget, shared: bool = False
-    ) -> None: ...
+    def __init__(self, payload: object, parts: Sequence[tuple[int, int]], budget: ReadBudget) -> None: ...
 
 class SlabSeconds:
     """In which slabs were drawn: voxels' kernels added, sums brought to densities, these shaded, slabs laid together.
@@ -153,6 +150,40 @@ class SplatFrame:
     @property
     def walked(self) -> Walked:
         """What its walks have handed out. Once it is complete."""
+
+class BatchTaker:
+    """Takes batches out of the channels of a map/shade server of this machine, in a thread of its own.
+
+    See batch_taker.h. Any thread may call.
+    """
+
+    def __init__(self, descriptor: int, walkers: int, blocks: int, block_bytes: int, news: Bell) -> None:
+        """`news` rings if a fault is found, and if a later frame's batch is there. The descriptor stays open."""
+    @staticmethod
+    def memory_bytes(walkers: int, blocks: int, block_bytes: int) -> int:
+        """What so many channels take."""
+    def begin(self, frame: int, into: SplatFrame | None, first_source: int, walkers: int, traced: bool) -> None:
+        """From now on push batches of this frame: of sources from `first_source` on, one for each of the `walkers`.
+
+        Those of older frames are of no use any more, and those of later ones wait; without `into` the frame's are of no
+        use either.
+        """
+    def close(self) -> None:
+        """Take nothing any more, but for what `drain` does."""
+    def drain(self) -> None:
+        """Take what is there now."""
+    @property
+    def fault(self) -> str:
+        """By which the map/shade server broke the rules; "" if by none."""
+    @property
+    def newest_frame(self) -> int:
+        """That a batch has come of; -1 if none has."""
+    @property
+    def bytes(self) -> int:
+        """Of the frame's batches."""
+    @property
+    def spans(self) -> list[tuple[int, float, float]]:
+        """Which walker's batch was taken when, if the frame is traced: how many seconds ago that began and ended."""
 
 class Owners:
     """Threads that own regions of an image. One thread at a time may call. See owners.h."""

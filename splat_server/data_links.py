@@ -5,6 +5,7 @@ Only links of workers that the client has invited are taken (see invitations).
 """
 
 import logging
+import os
 import threading
 import time
 from collections import defaultdict
@@ -29,6 +30,7 @@ from volsplat.splat_server.merge_events import (
     RefuseBatch,
     WorkerLinked,
     WorkerLost,
+    WorkerWentOn,
 )
 
 log = logging.getLogger(__name__)
@@ -53,14 +55,17 @@ class DataLinks:
         merge: Merge,
         lock: threading.Lock,
         readable: Bell,
+        news: Bell,
         heartbeat: Heartbeat,
     ) -> None:
-        """`lock` guards the merge and all that is here. `readable` rings if links that are held back should look."""
+        """`lock` guards the merge and all that is here. `readable` rings if links that are held back should look,
+        `news` if `look_at_channels` should be called."""
         self._listener = listener
         self._invitations = invitations
         self._merge = merge
         self._lock = lock
         self._readable = readable
+        self._news = news
         self._heartbeat = heartbeat
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
         self._came: dict[int, Came] = {}  # by worker, over its newest link
@@ -84,11 +89,13 @@ class DataLinks:
 
     def _close_links(self) -> None:
         with self._lock:
-            links = list(self._links.values())
+            links, came = list(self._links.values()), list(self._came.values())
             self._links.clear()
             self._readable.ring()
         for link in links:
             link.close()
+        for one in came:
+            one.let_go()
 
     def drop_uninvited(self) -> None:
         """Close the links of workers that the client does without: some may be frozen, and never close theirs."""
@@ -119,7 +126,7 @@ class DataLinks:
     def received(self, frame: int) -> int:
         """Bytes of the frame's batches."""
         with self._lock:
-            return sum(came.nbytes for came in self._came.values() if came.frame == frame)
+            return sum(came.nbytes_of(frame) for came in self._came.values())
 
     def decoding_seconds(self, frame: int) -> float:
         with self._lock:
@@ -134,6 +141,38 @@ class DataLinks:
         """The links over which batches of the running frame are still to come."""
         with self._lock:
             return [self._links[worker] for worker in self._merge.unfinished if worker in self._links]
+
+    def follow_merge(self) -> None:
+        """The merge has gone on to another frame, or dropped one: so do those who take batches out of channels."""
+        with self._lock:
+            for worker, came in self._came.items():
+                came.follow(self._merge.part_of(worker), self._traces)
+
+    def look_at_channels(self) -> None:
+        """Cut off who broke the rules there, and do without who has gone on to a later frame."""
+        refused = []
+        with self._lock:
+            for worker, link in self._links.items():
+                came = self._came[worker]
+                if (taker := came.taker) is None or not self._in_use(link):
+                    continue
+                frame = taker.newest_frame
+                if fault := taker.fault:
+                    came.fault_told = True
+                    refused.append(RefuseBatch(worker, frame, fault))
+                if frame > came.frame:
+                    came.give_up()  # before its sources end: its other walkers may have sent more of the older frame
+                    self._merge.handle(WorkerWentOn(worker, frame))
+        for refusal in refused:
+            self.cut_off(refusal)
+
+    def note_taken(self, frame: int) -> None:
+        """Note when the finished frame's batches were taken out of channels."""
+        if self._traces:
+            with self._lock:
+                taken = [(worker, span) for worker, came in self._came.items() for span in came.spans()]
+            for worker, (began, ended) in taken:
+                self.spans(frame).note(_row(worker), "take", began, ended)
 
     def cut_off(self, refusal: RefuseBatch) -> None:
         """Close the link of a worker that broke the rules; its thread then tells the merge of the loss."""
@@ -156,13 +195,17 @@ class DataLinks:
     def _take_up(self, link: Connection) -> None:
         """Read from a link, in the place of the one that its worker had before."""
         with self._lock:
-            replaced = self._links.get(link.peer.id)
+            replaced, came = self._links.get(link.peer.id), self._came.get(link.peer.id)
+            if came is not None:
+                came.give_up()
             self._links[link.peer.id], self._came[link.peer.id] = link, Came()
             self._merge.handle(WorkerLinked(link.peer.id))
             self._budgets.setdefault(link.peer.id, ReadBudget(CONNECTION_BUDGET, self._readable))
             self._readable.ring()
         if replaced is not None:
             replaced.close()
+        if came is not None:
+            came.let_go()
         receiver = threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True)
         self._receivers = {running for running in self._receivers if running.is_alive()}
         try:
@@ -188,7 +231,8 @@ class DataLinks:
         with self._lock:
             if self._links.get(link.peer.id) is link:  # a worker that has linked anew is not lost
                 del self._links[link.peer.id]
-                self._came[link.peer.id].let_go()
+                if fault := self._came[link.peer.id].end():
+                    self._listener.lines.warn(str(_broken(link, fault)))
                 self._merge.handle(WorkerLost(link.peer.id))
 
     def _receive(self, link: Connection) -> None:
@@ -232,25 +276,27 @@ class DataLinks:
     def _in_use(self, link: Connection) -> bool:
         return self._links.get(link.peer.id) is link and not link.closed
 
-    @takes(messages.BlocksShared)
-    def _share(self, message: messages.BlocksShared, link: Connection, _: memoryview) -> None:
-        """Take memory that batches are to lie in. Raises RemoteProtocolError, MemoryError."""
-        if (came := self._came_over(link)) is not None:
-            came.shared.share(message, link.descriptors.take())
+    @takes(messages.ChannelsShared)
+    def _share(self, message: messages.ChannelsShared, link: Connection, _: memoryview) -> None:
+        """Have batches taken out of channels. Raises RemoteProtocolError, MemoryError."""
+        descriptor = link.descriptors.take()
+        with self._lock:
+            if not self._in_use(link):
+                os.close(descriptor)
+                return
+            came = self._came[link.peer.id]
+            came.share(message, descriptor, self._news)
+            came.follow(self._merge.part_of(link.peer.id), self._traces)
 
     @takes(messages.Batch)
     def _take(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
         """Hand a batch to the owners of regions. Raises RemoteProtocolError where it breaks the rules."""
-        if (came := self._came_over(link)) is None:
-            return
-        self._push(message, link, came.shared.payload(message, payload))
-        if (freed := came.shared.news()) is not None:
-            link.send(freed)
-
-    def _came_over(self, link: Connection) -> Came | None:
-        """None if the link is out of use."""
         with self._lock:
-            return self._came[link.peer.id] if self._in_use(link) else None
+            if not self._in_use(link):
+                return
+            if self._came[link.peer.id].taker is not None:
+                raise _broken(link, "a batch came by the socket, though its channels are shared")
+        self._push(message, link, payload)
 
     def _note(self, batch: messages.Batch, what: str, seconds: float) -> None:
         """Note what was done with a batch for so long until now."""
@@ -263,9 +309,7 @@ class DataLinks:
             payload, decoding_seconds = self._raw(message, payload)
             if decoding_seconds > 0.0:
                 self._note(message, "decode", decoding_seconds)
-            memory = BatchMemory(
-                payload, parts, self._budgets[message.worker], shared=message.block != messages.NO_BLOCK
-            )
+            memory = BatchMemory(payload, parts, self._budgets[message.worker])
         except ValueError as fault:
             raise _broken(link, f"frame {message.frame}: {fault}") from fault
         reached = (message.reached_sheet, message.reached_row)

@@ -26,6 +26,7 @@ from volsplat.splat_server.merge_events import (
     WorkerId,
     WorkerLinked,
     WorkerLost,
+    WorkerWentOn,
 )
 
 
@@ -38,6 +39,15 @@ class _RunningFrame:
 
     def finished(self, worker: WorkerId) -> bool:
         return all(map(self.into.finished, self.sources[worker]))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A worker's part in the newest frame."""
+
+    frame: FrameId
+    into: SplatFrame | None  # none if its batches are of no use
+    sources: range  # one for each of its walkers
 
 
 @dataclass
@@ -80,6 +90,13 @@ class Merge:
             return False
         return not set(running.into.awaited).isdisjoint(running.sources[worker])
 
+    def part_of(self, worker: WorkerId) -> Part:
+        """Where batches of the newest frame go, whoever takes them past here."""
+        running = self._running
+        if running is None or worker in running.lost:
+            return Part(self._newest, None, range(0))
+        return Part(self._newest, running.into, running.sources.get(worker, range(0)))
+
     @takes(FrameStarted)
     def _frame_started(self, event: FrameStarted) -> list[Instruction]:
         if event.frame <= self._newest:
@@ -119,6 +136,12 @@ class Merge:
         if batch.walker >= len(running.sources[worker]):
             return self._refuse(worker, frame, f"walker {batch.walker} has no part in this frame")
         return [PushBatch(worker, frame, running.into, running.sources[worker][batch.walker], batch)]
+
+    @takes(WorkerWentOn)
+    def _worker_went_on(self, event: WorkerWentOn) -> list[Instruction]:
+        if event.frame > self._newest:
+            self._lose(event.worker)
+        return []
 
     @takes(WorkerLost)
     def _worker_lost(self, event: WorkerLost) -> list[Instruction]:

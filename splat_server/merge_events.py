@@ -37,6 +37,14 @@ class BatchArrived:
 
 
 @dataclass(frozen=True)
+class WorkerWentOn:
+    """The worker sends a later frame's batches, which are not taken before that has started."""
+
+    worker: WorkerId
+    frame: FrameId
+
+
+@dataclass(frozen=True)
 class WorkerLost:
     """The worker's link has ended. The running frame does without it, and so do later ones until it links again."""
 
@@ -55,7 +63,7 @@ class FrameDropped:
     frame: FrameId
 
 
-Event = FrameStarted | BatchArrived | WorkerLost | WorkerLinked | FrameDropped
+Event = FrameStarted | BatchArrived | WorkerWentOn | WorkerLost | WorkerLinked | FrameDropped
 
 
 # Instructions

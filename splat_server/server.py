@@ -88,7 +88,9 @@ class SplatServer:
 
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
-        self._data_links = DataLinks(data_links, invitations, self._merge, self._lock, self._readable, self._heartbeat)
+        self._data_links = DataLinks(
+            data_links, invitations, self._merge, self._lock, self._readable, self._news, self._heartbeat
+        )
         self._merge_news = MergeNews()
         self._outbox = Outbox(client, image_sent=self._news.ring, failed=self._end)
 
@@ -131,6 +133,7 @@ class SplatServer:
     def _follow_frame(self) -> float:
         """Tell what there is to tell of the frame. For how many seconds there is nothing more, unless news come."""
         assembly, request = self._assembly, self._request
+        self._data_links.look_at_channels()
         if not self._drawing or assembly is None or request is None:
             return LOOK_SECONDS
         try:
@@ -152,6 +155,7 @@ class SplatServer:
     def _finish_frame(self, assembly: FrameAssembly) -> None:
         self._drawing = False
         assembly.note_owners(self._spans, self._frame_began)
+        self._data_links.note_taken(assembly.frame)
         self._spans.note("requests", f"frame {assembly.frame}", self._frame_came, clock())
         with self._lock:
             self._lost = self._merge.lost
@@ -281,6 +285,7 @@ class SplatServer:
         with self._lock:  # what is held goes before all that comes
             instructions = self._merge.handle(FrameStarted(request.frame, request.workers, assembly.splat))
             refused = carried_out(instructions)
+        self._data_links.follow_merge()
         for refusal_of in refused:
             self._data_links.cut_off(refusal_of)
 
@@ -291,6 +296,7 @@ class SplatServer:
     def _abort(self, frame: int) -> None:
         with self._lock:
             self._merge.handle(FrameDropped(frame))
+        self._data_links.follow_merge()
         if self._assembly is not None and self._assembly.frame <= frame:
             if self._drawing:
                 self._counts.add("frames", of="given up")

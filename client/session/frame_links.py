@@ -12,11 +12,11 @@ class LinkReport(msgspec.Struct, frozen=True):
 
     sender: str
     receiver: str
-    bytes: int  # none by memory that both see
+    bytes: int  # through memory that both see as well
     bytes_uncoded: int
     sending_seconds: float
     waiting_seconds: float  # of these, for the receiver or the network
-    held_back_seconds: float  # that the receiver did not read, because its buffers were full
+    held_back_seconds: float  # that the receiver did not read a socket, because its buffers were full
 
 
 def links_of(outcome: StepOutcome) -> Iterator[LinkReport]:

@@ -61,7 +61,9 @@ class FrameDelivery:
         """Walk and send, to the end or until it is of no use any more. One thread for each walker."""
         tally = FrameTally()
         outlets = [
-            _Outlet(self._links[server], parts) for server, parts in self._parts.items() if server in self._links
+            _Outlet(self._links[server], parts, walker)
+            for server, parts in self._parts.items()
+            if server in self._links
         ]
         last = False
         while not last and self._goes_on():
@@ -94,7 +96,7 @@ class FrameDelivery:
     def _send(self, outlet: "_Outlet", walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
         began = time.perf_counter()
         try:
-            sent = outlet.send(self._frame, self._worker, walker, batch, tally)
+            sent = outlet.send(self._frame, self._worker, batch, self._goes_on, tally)
         except LOSSES as loss:
             log.info("frame %d: %s", self._frame, loss)
             self._lost.add(outlet.server)
@@ -118,31 +120,39 @@ def _row(walker: int) -> str:
 class _Outlet:
     """A walker's way to a splat server."""
 
-    def __init__(self, link: DataLink, parts: slice) -> None:
+    def __init__(self, link: DataLink, parts: slice, walker: int) -> None:
         self.server = link.route.server
         self.pace = link.pace
         self._link = link
+        self._channel = link.channel(walker)
         self._parts = parts
+        self._walker = walker
         self._sequence = 0
 
-    def send(self, frame: int, worker: int, walker: int, batch: ShadedBatch, tally: FrameTally) -> Sent:
-        parts = batch.parts[self._parts]
-        message = messages.Batch(
+    def send(self, frame: int, worker: int, batch: ShadedBatch, wanted: Callable[[], bool], tally: FrameTally) -> Sent:
+        if self._channel is not None:
+            sent = self._link.send_through(self._channel, frame, batch, self._parts, wanted)
+            raw_bytes = sent.nbytes
+        else:
+            message = self._message(frame, worker, batch)
+            sent, raw_bytes = self._link.send(message, self._parts, batch), message.raw_bytes
+        gone = LinkTally(raw_bytes, sent.nbytes, sent.seconds, sent.waiting_seconds)
+        tally.send(self.server, gone, sent.coding_seconds)
+        return sent
+
+    def _message(self, frame: int, worker: int, batch: ShadedBatch) -> messages.Batch:
+        sequence, self._sequence = self._sequence, self._sequence + 1
+        return messages.Batch(
             frame=frame,
             worker=worker,
-            walker=walker,
-            sequence=self._sequence,
+            walker=self._walker,
+            sequence=sequence,
             coded_bytes=0,
-            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in parts],
+            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts[self._parts]],
             reached_sheet=batch.reached[0],
             reached_row=batch.reached[1],
             last=batch.last,
         )
-        sent = self._link.send(message, parts)
-        gone = LinkTally(message.raw_bytes, sent.nbytes, sent.seconds, sent.waiting_seconds)
-        tally.send(self.server, gone, sent.coding_seconds)
-        self._sequence += 1
-        return sent
 
 
 def _parts_of(regions: Sequence[Region]) -> dict[int, slice]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch, ShadedPart
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
@@ -48,13 +48,13 @@ class Walker:
         """What comes next, or None after the batch that was the last. There is always a last one, if empty.
 
         The limits decide on which row batches end, not what they hold together; a frame's first batches are smaller.
-        The memory of a batch is used again once its memoryviews are gone.
+        The memory of a batch is used again once it and its memoryviews are gone.
         """
         if self._ended:
             return None
-        parts, reached, last, visited = self._kernel.next_batch(int(min(max_packets, self._max_packets)), max_voxels)
-        self._ended = last
-        return ShadedBatch([ShadedPart(*part) for part in parts], reached, last, visited)
+        batch = self._kernel.next_batch(int(min(max_packets, self._max_packets)), max_voxels)
+        self._ended = batch.last
+        return ShadedBatch(batch)
 
 
 class FrameWalk:

@@ -6,15 +6,16 @@ Walkers send; a thread of the link's own hears which tiles of the image are clos
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import msgspec
 
+from volsplat.mapshade_server._kernels import BatchChannel
+from volsplat.mapshade_server.links.channels import shared_channels
 from volsplat.mapshade_server.links.link_coding import LinkCoding
 from volsplat.mapshade_server.links.link_pace import LinkPace
-from volsplat.mapshade_server.links.shaded_batch import ShadedPart
-from volsplat.mapshade_server.links.shared_batches import SharedBatches
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role
@@ -25,6 +26,7 @@ from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.peer import Counters
 
+LOOK_SECONDS = 0.005  # between two looks at whether a batch that finds no room is still wanted
 NEWS_SECONDS = 0.012  # from when a batch has come until there is news of it: splatting, and the time between two news
 
 
@@ -54,7 +56,7 @@ class DataLink:
         self._tiles = FrameTiles(0, new_tile_map(1, 1))
         self._failure: VolsplatError | None = None  # how the splat server was lost
         self._coding = None if connection.may_share_memory else LinkCoding()  # within a machine nothing is gained
-        self._shared = SharedBatches(connection, walkers)
+        self._channels = shared_channels(connection, walkers)
         self.pace = LinkPace(self._carried_meanwhile)
         self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
         self._hearing.start()
@@ -74,26 +76,54 @@ class DataLink:
         if self._coding is not None:
             self._coding.begin_frame(plan)
 
-    def send(self, batch: messages.Batch, parts: Sequence[ShadedPart]) -> Sent:
-        """Send a batch of these parts, coded if so it is there sooner. Raises PeerLost if the splat server is gone."""
+    def channel(self, walker: int) -> BatchChannel | None:
+        """By which the walker's batches go; None if that is the socket."""
+        return self._channels[walker] if walker < len(self._channels) else None
+
+    def send_through(
+        self, channel: BatchChannel, frame: int, batch: ShadedBatch, parts: slice, wanted: Callable[[], bool]
+    ) -> Sent:
+        """Send these parts of a batch, or as much as there is room for while the frame is `wanted`.
+
+        Raises PeerLost if the splat server is gone.
+        """
         began = time.perf_counter()
-        coded = self._coding.coded(batch, parts) if self._coding is not None else None
+        self._check_open()
+        nbytes, waiting = batch.kernel.bytes(parts.start, parts.stop), 0.0
+        channel.begin(frame, batch.kernel, parts.start, parts.stop)
+        if not channel.send(0.0):
+            filled = time.perf_counter()
+            while not channel.send(LOOK_SECONDS) and wanted():
+                self._check_open()
+            waiting = time.perf_counter() - filled
+        return Sent(nbytes, 0.0, time.perf_counter() - began, waiting)
+
+    def _check_open(self) -> None:
+        if self._connection.closed:
+            self._hearing.join()  # it closed the connection, and is about to say why
+            raise self._failure or ConnectionClosed(f"{self._connection}: this side has closed the connection")
+
+    def send(self, batch: messages.Batch, parts: slice, shaded: ShadedBatch) -> Sent:
+        """Send these parts of a batch by the socket, coded if so it is there sooner.
+
+        Raises PeerLost if the splat server is gone.
+        """
+        began = time.perf_counter()
+        sent_parts = shaded.parts[parts]
+        coded = self._coding.coded(batch, sent_parts) if self._coding is not None else None
         if coded is not None:
             batch = msgspec.structs.replace(batch, coded_bytes=len(coded))
         sending, waited = time.perf_counter(), self.counters.seconds_in_send
         try:
-            if (block := self._shared.filled(parts)) is not None:
-                batch = msgspec.structs.replace(batch, block=block)
-                self._connection.send(batch)
-            elif coded is not None:
+            if coded is not None:
                 self._connection.send(batch, coded)
             else:
-                self._connection.send(batch, *(memory for part in parts for memory in (part.runs, part.packets)))
+                self._connection.send(batch, *(memory for part in sent_parts for memory in (part.runs, part.packets)))
         except ConnectionClosed as closed:
             self._hearing.join()  # it closed the connection, and is about to say why
             raise self._failure or closed from None
         ended, waited = time.perf_counter(), self.counters.seconds_in_send - waited
-        packets = sum(part.packet_count for part in parts)
+        packets = sum(part.packet_count for part in sent_parts)
         self.pace.sent(batch.walker, (batch.reached_sheet, batch.reached_row), batch.payload_bytes(), packets)
         if self._coding is not None:
             self._coding.choice.sent(batch.raw_bytes, batch.payload_bytes(), waited > 0, ended)
@@ -136,10 +166,6 @@ class DataLink:
     @takes(messages.MergeReached)
     def _follow_merge(self, message: messages.MergeReached, _: memoryview) -> None:
         self.pace.splatted(message.frame, (message.sheet, message.row))
-
-    @takes(messages.BlocksFreed)
-    def _take_blocks_back(self, message: messages.BlocksFreed, _: memoryview) -> None:
-        self._shared.freed(message.freed)
 
 
 HANDLERS = handlers(DataLink)

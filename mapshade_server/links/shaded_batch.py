@@ -1,6 +1,9 @@
 """Shaded packets as a walker hands them over and a link sends them."""
 
 from dataclasses import dataclass
+from functools import cached_property
+
+from volsplat.mapshade_server import _kernels
 
 
 @dataclass(frozen=True)
@@ -13,15 +16,31 @@ class ShadedPart:
     packet_count: int
 
 
-@dataclass(frozen=True)
 class ShadedBatch:
     """What a walker delivers at once."""
 
-    parts: list[ShadedPart]  # for each region
-    reached: tuple[int, int]  # (sheet, row): all that the walker has before it in traversal order has been delivered
-    last: bool
-    voxels_visited: int  # samples of the step within the bounds, those left out as hidden or outside the image included
+    def __init__(self, kernel: _kernels.Batch) -> None:
+        self.kernel = kernel
+
+    @cached_property
+    def parts(self) -> list[ShadedPart]:
+        """For each region."""
+        return [ShadedPart(*part) for part in self.kernel.parts]
+
+    @property
+    def reached(self) -> tuple[int, int]:
+        """(sheet, row): all that the walker has before it in traversal order has been delivered."""
+        return self.kernel.reached
+
+    @property
+    def last(self) -> bool:
+        return self.kernel.last
+
+    @property
+    def voxels_visited(self) -> int:
+        """Samples of the step within the bounds, those left out as hidden or outside the image included."""
+        return self.kernel.voxels_visited
 
     @property
     def packet_count(self) -> int:
-        return sum(part.packet_count for part in self.parts)
+        return self.kernel.packet_count

@@ -12,11 +12,9 @@ from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.image_messages import ImageRead
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
-    MOST_BLOCKS,
     MOST_THREADS,
     AssignmentId,
     BlockCount,
-    BlockNumber,
     Count,
     Detail,
     FrameId,
@@ -42,8 +40,8 @@ from volsplat.protocol.rules.regions import MOST_REGIONS, LineNumber, Regions, c
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
+MOST_CHANNEL_BYTES = 8 << 30  # of one link; what is not touched of them costs nothing
 LARGEST_BATCH = 1 << 24  # bytes; senders choose far less
-NO_BLOCK = -1
 
 
 class LinkStats(Detail, frozen=True):
@@ -64,7 +62,7 @@ class MapShadeStats(Detail, frozen=True):
     Seconds follow each other: planning, then map/shade, coding and sending by turns, those of the walker that was busy
     for the longest time. `waiting_seconds` is the part of sending that back-pressure held up, or for which it waited
     until the merge was near enough (see RenderFrame). Of `raw_bytes` of batches `bytes` were sent, fewer if batches
-    were coded or lay in shared memory.
+    were coded.
     """
 
     voxels_visited: Count
@@ -243,22 +241,23 @@ class BatchPart(Detail, frozen=True):
 
 
 @says(DATA_LINK_TO_SPLAT)
-class BlocksShared(Message, frozen=True):
-    """Map/shade data link to splat server: batches may come in these blocks of memory, whose descriptor comes along."""
+class ChannelsShared(Message, frozen=True):
+    """Map/shade data link to splat server: batches of these walkers come through memory, whose descriptor comes along.
 
+    Each walker has a channel of so many blocks (see kernels/channels/batch_channels.h). No Batch of theirs follows.
+    """
+
+    walkers: Threads
     blocks: BlockCount
     block_bytes: Annotated[int, Meta(ge=1, le=LARGEST_BATCH)]
+
+    def __post_init__(self) -> None:
+        if self.walkers * self.blocks * self.block_bytes > MOST_CHANNEL_BYTES:
+            raise ValueError(f"channels of more than {MOST_CHANNEL_BYTES} bytes are announced")
 
     @property
     def brings_memory(self) -> bool:
         return True
-
-
-@says(DATA_LINK_TO_SPLAT.back)
-class BlocksFreed(Message, frozen=True):
-    """Splat server to map/shade data link: nothing more is read from these blocks, each as often as it was filled."""
-
-    freed: Annotated[list[BlockNumber], Meta(min_length=1, max_length=MAX_SERVERS)]
 
 
 @says(DATA_LINK_TO_SPLAT)
@@ -266,10 +265,10 @@ class Batch(Message, frozen=True):
     """Map/shade data link to splat server: the next shaded packets of a walker of `worker`, in traversal order.
 
     There is a part for each region of the splat server, in their order. The payload holds of each its row runs, then
-    its shaded packets (see packet_layout), or `coded_bytes` of the code of all of them (see sample_lattice). If it lies
-    in a `block` of shared memory, raw, there is no payload. `sequence` counts a frame's batches of one walker from 0.
-    Everything that the walker has before row (reached_sheet, reached_row) has been sent, this batch included; after
-    `last` nothing of the frame follows from it. A batch may be empty to say only that.
+    its shaded packets (see packet_layout), or `coded_bytes` of the code of all of them (see sample_lattice). `sequence`
+    counts a frame's batches of one walker from 0. Everything that the walker has before row (reached_sheet,
+    reached_row) has been sent, this batch included; after `last` nothing of the frame follows from it. A batch may be
+    empty to say only that.
     """
 
     largest_payload: ClassVar[int] = LARGEST_BATCH
@@ -283,17 +282,12 @@ class Batch(Message, frozen=True):
     reached_sheet: Ordinal
     reached_row: Ordinal
     last: bool
-    block: Annotated[int, Meta(ge=NO_BLOCK, lt=MOST_BLOCKS)] = NO_BLOCK
 
     @property
     def raw_bytes(self) -> int:
         return sum(part.bytes for part in self.parts)
 
     def payload_bytes(self) -> int:
-        if self.block != NO_BLOCK:
-            if self.coded_bytes:
-                raise ValueError("a batch in shared memory is not coded")
-            return 0
         if not self.coded_bytes:
             return self.raw_bytes
         if self.raw_bytes > self.largest_payload:  # before there is memory for it

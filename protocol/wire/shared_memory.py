@@ -1,4 +1,6 @@
-"""Memory that two processes of one machine see, in blocks that are used by turns: what one fills the other reads.
+"""Memory that two processes of one machine see, and its blocks that are used by turns: what one fills the other reads.
+
+(Batches go through memory with an order of its own, see kernels/channels; what is sealed here serves for it, too.)
 
 Who fills them makes the memory, and passes its descriptor once, with a message by their Unix socket (see connection);
 only processes of one user are connected by that. Messages say which block has been filled, and notes in return which
@@ -29,7 +31,7 @@ class FilledBlocks:
     def __init__(self, count: int, block_bytes: int) -> None:
         """Blocks of at least so many bytes. Raises OSError where the system shares no memory, or has none left."""
         self.block_bytes = _rounded(block_bytes)
-        self.descriptor = _sealed(count * self.block_bytes)
+        self.descriptor = sealed_memory(count * self.block_bytes)
         try:
             self._blocks = _mapped(self.descriptor, count, self.block_bytes)
         except BaseException:
@@ -81,7 +83,7 @@ class ReadBlocks:
     def __init__(self, descriptor: int, count: int, block_bytes: int) -> None:
         """Takes the descriptor. Raises RemoteProtocolError unless it is sealed memory of so many blocks."""
         try:
-            _check(descriptor, count * block_bytes)
+            check_sealed(descriptor, count * block_bytes)
             self._blocks = _mapped(descriptor, count, block_bytes)
         except (OSError, ValueError, OverflowError) as error:
             if isinstance(error, OSError) and error.errno == errno.ENOMEM:
@@ -111,7 +113,8 @@ def _rounded(nbytes: int) -> int:
     return -(-nbytes // mmap.ALLOCATIONGRANULARITY) * mmap.ALLOCATIONGRANULARITY
 
 
-def _sealed(size: int) -> int:
+def sealed_memory(size: int) -> int:
+    """The descriptor of new memory, all zeros. Raises OSError where the system shares none, or has none left."""
     if not all(hasattr(fcntl, seal) for seal in SEALS):
         raise OSError(f"{sys.platform} has no memory that may be shared safely")
     descriptor = os.memfd_create("volsplat", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
@@ -124,7 +127,7 @@ def _sealed(size: int) -> int:
     return descriptor
 
 
-def _check(descriptor: int, size: int) -> None:
+def check_sealed(descriptor: int, size: int) -> None:
     """Raises OSError or RemoteProtocolError. Memory that may shrink would end who reads it with SIGBUS."""
     if fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & _bits() != _bits():
         raise RemoteProtocolError("the shared memory is not sealed")

@@ -34,7 +34,6 @@ from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server.batch_decoder import decoded
-from volsplat.splat_server.shared_batches import SharedBatches
 
 GEOMETRY = Geometry((48, 48, 48))
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
@@ -43,15 +42,13 @@ FRAMES = 24
 
 
 @contextmanager
-def linked(bits_per_second: float | None) -> Iterator[tuple[DataLink, Connection]]:
-    """A data link, at its other end a connection; through a slow network, or within this machine."""
+def linked(bits_per_second: float) -> Iterator[tuple[DataLink, Connection]]:
+    """A data link, at its other end a connection, through a slow network."""
     token = new_token()
     with ExitStack() as stack:
         listener = Listener(Role.SPLAT_SERVER, token)
         stack.callback(listener.close)
-        port = listener.address.port
-        if bits_per_second is not None:
-            port = stack.enter_context(slow_link(port, bits_per_second=bits_per_second, round_trip=0.001))
+        port = stack.enter_context(slow_link(listener.address.port, bits_per_second=bits_per_second, round_trip=0.001))
         route = messages.Route(1, listener.address.host, port, bytes(32))
         hello = new_hello(Role.DATA_LINK, server=3)
         address = Address(route.host, route.port)
@@ -67,7 +64,7 @@ def frame_of(batches: list[ShadedBatch], link: DataLink, frame: int, plan: Frame
     for sequence, batch in enumerate(batches):
         parts = [messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts]
         message = messages.Batch(frame, 3, 0, sequence, 0, parts, *batch.reached, batch.last)
-        costs.append(link.send(message, batch.parts))
+        costs.append(link.send(message, slice(None), batch))
 
 
 @pytest.mark.parametrize("step", [Step.F, Step.G])
@@ -79,14 +76,7 @@ def test_over_a_slow_link_batches_come_coded_and_have_the_same_bytes(step: Step)
     assert sum(cost.coding_seconds for cost in costs) > 0.0
 
 
-def test_within_a_machine_batches_come_raw_in_memory_that_both_sides_see() -> None:
-    _, costs, coded = sent_over(None)
-    assert not coded
-    assert any(cost.nbytes == 0 for cost in costs)
-    assert all(cost.coding_seconds < cost.seconds + 1.0 for cost in costs)
-
-
-def sent_over(bits_per_second: float | None, step: Step = Step.F) -> tuple[list[ShadedBatch], list[Sent], int]:
+def sent_over(bits_per_second: float, step: Step = Step.F) -> tuple[list[ShadedBatch], list[Sent], int]:
     """Frames sent and compared; the batches of one, what each cost, and how many came coded."""
     scene = plain_scene(opacity=0.5, view=View(rotation=(0.1, 0.2, 0.0, 1.0), zoom=4.0), size=(256, 256))
     plan = plan_frame(scene, GEOMETRY, step)
@@ -103,17 +93,10 @@ def sent_over(bits_per_second: float | None, step: Step = Step.F) -> tuple[list[
 
         sending = threading.Thread(target=send)
         sending.start()
-        shared = SharedBatches()
-        if there.may_share_memory:
-            received = there.receive()
-            assert received is not None and isinstance(received.message, messages.BlocksShared)
-            shared.share(received.message, there.descriptors.take())
         for batch in batches * FRAMES:
             received = there.receive()
             assert received is not None and isinstance(received.message, messages.Batch)
-            message, payload = received.message, bytes(shared.payload(received.message, received.payload))
-            if (freed := shared.news()) is not None:
-                there.send(freed)
+            message, payload = received.message, bytes(received.payload)
             if message.coded_bytes:
                 came += 1
                 room = bytearray(message.raw_bytes)

@@ -433,7 +433,7 @@ def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: boo
         walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan, tiles)
         assembly.begin([Region(1, 0, plan.height)], 1, news)
         for batch in batches_of(walk.walkers[0], most, most):
-            assembly.splat.push(0, batch_memory(batch, budget), *batch.reached, batch.last)
+            assembly.splat.push(0, batch_memory(batch.parts, budget), *batch.reached, batch.last)
             heard = news.rung
             while not budget.open and not assembly.splat.complete:
                 heard = news.wait(heard, PATIENCE)

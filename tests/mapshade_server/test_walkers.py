@@ -2,7 +2,6 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import msgspec
 import pytest
@@ -106,8 +105,8 @@ def image_lines(plan: FramePlan, of_walkers: list[list[ShadedBatch]], region: in
         assembly.begin([Region(1, 0, plan.height)], len(of_walkers), news)
         for walker, batches in enumerate(of_walkers):
             for batch in batches:
-                alone = replace(batch, parts=[batch.parts[region]])
-                assembly.splat.push(walker, batch_memory(alone, ReadBudget(1, news)), *batch.reached, batch.last)
+                alone = batch_memory([batch.parts[region]], ReadBudget(1, news))
+                assembly.splat.push(walker, alone, *batch.reached, batch.last)
         wait_until_complete(assembly.splat, news)
         width, height = plan.image_size
         image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(height, width, RGBA)

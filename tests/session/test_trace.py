@@ -58,7 +58,7 @@ def test_every_process_has_its_rows(path: Path) -> None:
                 assert {"walk"} < {span["name"] for span in trace.of(role, "walker", frame)}
             else:
                 assert {"merge", "splat", "wait"} <= {span["name"] for span in trace.of(role, "owner", frame)}
-                assert {"receive"} <= {span["name"] for span in trace.of(role, "from map/shade", frame)}
+                assert {"take"} <= {span["name"] for span in trace.of(role, "from map/shade", frame)}
                 assert "send image" in {span["name"] for span in trace.of(role, "to client", frame)}
             assert {"plan", "wait for its turn"} <= {span["name"] for span in trace.of(role, "requests", frame)}
             assert {"RenderFrame"} <= {span["name"] for span in trace.of("client", f"to {role}", frame)}

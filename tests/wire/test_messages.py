@@ -170,6 +170,6 @@ def test_a_field_that_cannot_be_encoded_is_our_mistake() -> None:
 
 
 def test_only_the_data_link_carries_batches() -> None:
-    carried: list[type[Message]] = [messages.BlocksShared, messages.Batch]
+    carried: list[type[Message]] = [messages.ChannelsShared, messages.Batch]
     assert all(kind.ways == (DATA_LINK_TO_SPLAT,) for kind in carried)
     assert [kind for kind in MESSAGES if DATA_LINK_TO_SPLAT in kind.ways] == carried

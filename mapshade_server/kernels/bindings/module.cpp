@@ -1,6 +1,7 @@
 // Lists what volsplat.mapshade_server._kernels offers; the work lies in the folder above.
 #include <nanobind/nanobind.h>
 
+#include "batch_channel.h"
 #include "batch_encoder.h"
 #include "frame_walk.h"
 #include "kernels/bind_module.h"
@@ -18,6 +19,7 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_mixtures(m);
     volsplat::bind_preprocessing(m);
     volsplat::bind_walker(m);
+    volsplat::bind_batch_channel(m);
     volsplat::bind_frame_walk(m);
     volsplat::bind_slab_walk(m);
     volsplat::bind_batch_encoder(m);

@@ -1,14 +1,10 @@
 #include "walker.h"
 
 #include <nanobind/ndarray.h>
-#include <nanobind/stl/vector.h>
 
-#include <cstring>
+#include <algorithm>
 #include <memory>
-#include <stdexcept>
-#include <vector>
 
-#include "kernels/lent_bytes.h"
 #include "walk_arguments.h"
 
 namespace nb = nanobind;
@@ -26,46 +22,59 @@ nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t 
     return nb::steal(PyMemoryView_FromObject(array.ptr()));
 }
 
-// ([(runs, packets, run count, packet count) for each region], (sheet, row) reached, last, voxels visited)
-nb::tuple next_batch(BatchWalker& walker, std::int64_t max_packets, std::int64_t max_voxels) {
+PythonBatch next_batch(BatchWalker& walker, std::int64_t max_packets, std::int64_t max_voxels) {
     const BatchLimits limits = limits_of(max_packets, max_voxels);
     const std::shared_ptr<Batch> batch = free_batch();
-    {
-        nb::gil_scoped_release unlocked;
-        walker.next_batch(limits, *batch);
-    }
-    nb::list parts;
-    for (ShadedPart& part : batch->parts) {
-        parts.append(nb::make_tuple(view_of(batch, part.runs.data(), part.runs.size() * sizeof(RowRun)),
-                                    view_of(batch, part.packets.data(), part.packet_count * sizeof(std::uint64_t)),
-                                    part.runs.size(), part.packet_count));
-    }
-    return nb::make_tuple(parts, nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last,
-                          batch->voxels_visited);
+    walker.next_batch(limits, *batch);
+    return {batch};
 }
 
-// Without the GIL: many walkers of a server do so at once.
-void put_side_by_side(const std::vector<LentBytes>& memories, const LentRoom& target) {
-    std::size_t bytes = 0;
-    for (const LentBytes& memory : memories) bytes += memory.nbytes();
-    if (bytes > target.nbytes()) throw std::invalid_argument("the memory does not hold what is to lie there");
-    const nb::gil_scoped_release unlocked;
-    std::uint8_t* place = target.data();
-    for (const LentBytes& memory : memories) {
-        if (memory.nbytes()) std::memcpy(place, memory.data(), memory.nbytes());
-        place += memory.nbytes();
+// (runs, packets, run count, packet count) for each region
+nb::list parts(const PythonBatch& python) {
+    nb::list parts;
+    for (ShadedPart& part : python.batch->parts) {
+        parts.append(nb::make_tuple(view_of(python.batch, part.runs.data(), part.runs.size() * sizeof(RowRun)),
+                                    view_of(python.batch, part.packets.data(), part.packet_count * kPacketBytes),
+                                    part.runs.size(), part.packet_count));
     }
+    return parts;
+}
+
+std::size_t packet_count(const PythonBatch& python) {
+    std::size_t count = 0;
+    for (const ShadedPart& part : python.batch->parts) count += part.packet_count;
+    return count;
+}
+
+// Of the parts from the first on to before the end.
+std::size_t bytes(const PythonBatch& python, std::size_t first, std::size_t end) {
+    std::size_t sum = 0;
+    for (std::size_t n = first; n < std::min(end, python.batch->parts.size()); ++n) {
+        const ShadedPart& part = python.batch->parts[n];
+        sum += part.runs.size() * sizeof(RowRun) + part.packet_count * kPacketBytes;
+    }
+    return sum;
 }
 
 }  // namespace
 
 void bind_walker(nb::module_& m) {
+    typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
+    nb::class_<PythonBatch>(m, "Batch")
+        .def_prop_ro("parts", &parts)
+        .def_prop_ro("reached",
+                     [](const PythonBatch& python) {
+                         return nb::make_tuple(python.batch->reached_sheet, python.batch->reached_row);
+                     })
+        .def_prop_ro("last", [](const PythonBatch& python) { return python.batch->last; })
+        .def_prop_ro("voxels_visited", [](const PythonBatch& python) { return python.batch->voxels_visited; })
+        .def_prop_ro("packet_count", &packet_count)
+        .def("bytes", &bytes, "first"_a, "end"_a);
     nb::class_<BatchWalker>(m, "Walker")
-        .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a)
+        .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a, Unlocked())
         .def_prop_ro("source", [](BatchWalker& walker) {
             return nb::capsule(static_cast<BatchSource*>(&walker), kBatchSourceCapsule);
         });
-    m.def("put_side_by_side", &put_side_by_side, "memories"_a, "target"_a);
 }
 
 }  // namespace volsplat

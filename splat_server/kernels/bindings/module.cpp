@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 
 #include "batch_decoder.h"
+#include "batch_taker.h"
 #include "combining.h"
 #include "kernels/bind_image_tiles.h"
 #include "kernels/bind_module.h"
@@ -13,6 +14,7 @@ NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the splat_server.";
     volsplat::bind_module(m);
     volsplat::bind_owners(m);
+    volsplat::bind_batch_taker(m);
     volsplat::bind_combining(m);
     volsplat::bind_patch_table(m);
     volsplat::bind_slabs(m);

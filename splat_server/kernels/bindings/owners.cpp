@@ -10,7 +10,6 @@
 
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -22,6 +21,7 @@
 #include "owners.h"
 #include "slabs.h"
 #include "splat_server/kernels/footprint_table.h"
+#include "splat_server/kernels/regions/batch_parts.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -35,46 +35,22 @@ typedef std::pair<std::uint64_t, std::uint64_t> Counts;  // of runs and packets
 // Bytes that a batch costs beside its own, at most: objects, and the rounding of its buffer.
 constexpr std::int64_t kBatchOverhead = 8 << 10;
 
-// A batch, pinned for as long as the object lives or its parts are to be splatted. Where its sender may still write to
-// the payload, the runs, which must stay as they are checked, are copied; packets may be any bits at any time.
+// A batch, pinned for as long as the object lives or its parts are to be splatted.
 struct PythonBatch {
     std::shared_ptr<const void> memory;
     std::vector<PartView> parts;
 };
 
-std::vector<unsigned char> copied_runs(std::vector<PartView>& parts) {
-    std::size_t runs = 0;
-    for (const PartView& part : parts) runs += part.runs.run_count;
-    std::vector<unsigned char> copies(runs * sizeof(RowRun));
-    unsigned char* place = copies.data();
-    for (PartView& part : parts) {
-        const std::size_t bytes = part.runs.run_count * sizeof(RowRun);
-        if (bytes) std::memcpy(place, part.runs.runs, bytes);
-        part.runs.runs = std::exchange(place, place + bytes);
-    }
-    return copies;
-}
-
-PythonBatch batch_of(LentBytes payload, const std::vector<Counts>& counts, std::shared_ptr<ReadBudget> budget,
-                     bool shared) {
+PythonBatch batch_of(LentBytes payload, const std::vector<Counts>& counts, std::shared_ptr<ReadBudget> budget) {
     LetGo::now();
-    const std::uint64_t bytes = payload.size() * payload.itemsize();
-    const unsigned char* place = bytes_of(payload);
+    const std::size_t bytes = payload.size() * payload.itemsize();
+    std::vector<PartCounts> parts;
+    for (const auto& [runs, packets] : counts) parts.push_back({runs, packets});
     PythonBatch batch;
-    std::uint64_t left = bytes;
-    for (const auto& [runs, packets] : counts) {
-        if (runs > left / sizeof(RowRun) || packets > (left - runs * sizeof(RowRun)) / kPacketBytes)
-            throw std::invalid_argument("the parts of a batch are longer than its " + std::to_string(bytes) + " bytes");
-        const unsigned char* const first_packet = place + runs * sizeof(RowRun);
-        batch.parts.push_back({{place, first_packet, runs}, packets});
-        place = first_packet + packets * kPacketBytes;
-        left -= runs * sizeof(RowRun) + packets * kPacketBytes;
-    }
-    if (left) throw std::invalid_argument(std::to_string(left) + " bytes of a batch belong to no part");
-    std::vector<unsigned char> copied;
-    if (shared) copied = copied_runs(batch.parts);
-    batch.memory = std::make_shared<HeldMemory>(LetGo::later(std::make_pair(std::move(payload), std::move(copied))),
-                                                std::move(budget), static_cast<std::int64_t>(bytes) + kBatchOverhead);
+    if (const std::size_t left = bytes - lay_out(parts, bytes_of(payload), bytes, batch.parts); left)
+        throw std::invalid_argument(std::to_string(left) + " bytes of a batch belong to no part");
+    batch.memory = std::make_shared<HeldMemory>(LetGo::later(std::move(payload)), std::move(budget),
+                                                static_cast<std::int64_t>(bytes) + kBatchOverhead);
     return batch;
 }
 
@@ -257,9 +233,10 @@ void bind_owners(nb::module_& m) {
         .def(
             "__init__",
             [](PythonBatch* self, LentBytes payload, const std::vector<Counts>& parts,
-               std::shared_ptr<ReadBudget> budget,
-               bool shared) { new (self) PythonBatch(batch_of(std::move(payload), parts, std::move(budget), shared)); },
-            "payload"_a, "parts"_a, "budget"_a, "shared"_a = false);
+               std::shared_ptr<ReadBudget> budget) {
+                new (self) PythonBatch(batch_of(std::move(payload), parts, std::move(budget)));
+            },
+            "payload"_a, "parts"_a, "budget"_a);
     nb::class_<SlabSeconds>(m, "SlabSeconds")
         .def_ro("adding", &SlabSeconds::adding)
         .def_ro("densities", &SlabSeconds::densities)

@@ -150,8 +150,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             messages.Batch(7, 2, 1, 0, 0, [messages.BatchPart(0, 0), messages.BatchPart(1, 2)], 4, 3, True),
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
-        (messages.BlocksShared(12, 1 << 21), b""),
-        (messages.BlocksFreed([0, 2, 0]), b""),
+        (messages.ChannelsShared(3, 4, 1 << 21), b""),
         (messages.MergeReached(7, 5, 12), b""),
         (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
         (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
@@ -406,8 +405,9 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.ImagesTaken: st.builds(
         messages.ImagesTaken, counts, seconds, seconds, counts, st.lists(st.integers(0, 9), max_size=3)
     ),
-    messages.BlocksShared: st.builds(messages.BlocksShared, st.integers(1, 10), st.integers(1, 1 << 24)),
-    messages.BlocksFreed: st.builds(messages.BlocksFreed, st.lists(st.integers(0, 9), min_size=1, max_size=3)),
+    messages.ChannelsShared: st.builds(
+        messages.ChannelsShared, st.integers(1, 99), st.integers(1, 10), st.integers(1, 1 << 22)
+    ),
     messages.Batch: st.builds(
         messages.Batch,
         ids,

@@ -1,9 +1,15 @@
-"""A map/shade server in a thread, over real sockets, with the test as its client and as its splat servers."""
+"""A map/shade server in a thread, over real sockets, with the test as its client and as its splat servers.
 
+The system gives no memory to be shared, so that batches come by the sockets.
+"""
+
+import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+
+import pytest
 
 from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
@@ -33,6 +39,8 @@ class Bench:
     """A map/shade server in a thread, what a client says to it, and where splat servers would listen."""
 
     def __init__(self, allocate: Allocate = new_buffer) -> None:
+        self._system = pytest.MonkeyPatch()
+        self._system.setattr(os, "memfd_create", _refuse)
         self.token = new_token()
         self._clients = Listener(Role.CLIENT, self.token)
         links = self.token.bound_to(KEY)
@@ -87,12 +95,9 @@ class Bench:
         self.hears(messages.ConnectedToSplatServers)
 
     def accepts(self, number: int) -> Connection:
-        """The data link that a splat server gets, with memory that batches are to lie in."""
+        """The data link that a splat server gets."""
         link = self.splat_servers[number].accept(PATIENCE)
         assert link is not None
-        if link.may_share_memory:
-            received = link.receive()
-            assert received is not None and isinstance(received.message, messages.BlocksShared)
         return link
 
     def holds(self, path: Path, assignment: int) -> Geometry:
@@ -131,6 +136,11 @@ class Bench:
         self.control.close()
         for listener in (self._clients, *self.splat_servers):
             listener.close()
+        self._system.undo()
+
+
+def _refuse(*_: object) -> None:
+    raise OSError("no memory is left")
 
 
 def render(

@@ -18,7 +18,7 @@ from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.answers.light_depths import depths_summed
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
@@ -100,7 +100,7 @@ def rendered(
             if batch is None:
                 delivering.remove(source)
                 continue
-            assembly.splat.push(source, batch_memory(batch, budget), *batch.reached, batch.last)
+            assembly.splat.push(source, batch_memory(batch.parts, budget), *batch.reached, batch.last)
         wait_until_complete(assembly.splat, news)
         return _image(assembly)
 
@@ -128,9 +128,9 @@ def _regions(lines: int, threads: int, arrival: Random | None) -> list[Region]:
     return [Region(1, *ends) for ends in pairwise([0, *inner, lines])]
 
 
-def batch_memory(batch: ShadedBatch, budget: ReadBudget) -> BatchMemory:
-    payload = b"".join(memory for part in batch.parts for memory in (part.runs, part.packets))
-    return BatchMemory(payload, [(part.run_count, part.packet_count) for part in batch.parts], budget)
+def batch_memory(parts: Sequence[ShadedPart], budget: ReadBudget) -> BatchMemory:
+    payload = b"".join(memory for part in parts for memory in (part.runs, part.packets))
+    return BatchMemory(payload, [(part.run_count, part.packet_count) for part in parts], budget)
 
 
 class TableWeights:

@@ -1,0 +1,39 @@
+"""Memory that a splat server of this machine sees: each walker sends its batches through a channel of it."""
+
+import logging
+import os
+from collections.abc import Sequence
+
+from volsplat.mapshade_server._kernels import BatchChannel, ChannelMemory
+from volsplat.protocol.messages.messages import ChannelsShared
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.shared_memory import sealed_memory
+
+BLOCKS = 12  # of few walkers: what is sent further ahead is too often hidden by the time that it is splatted
+LEAST_BLOCKS = 4  # of each walker of many
+BLOCK_BYTES = 2 << 20  # what is not touched of it costs nothing
+
+log = logging.getLogger(__name__)
+
+
+def shared_channels(link: Connection, walkers: int) -> Sequence[BatchChannel]:
+    """A channel for each of so many walkers; none where no memory can be shared. Raises PeerLost."""
+    if not link.may_share_memory:
+        return []
+    shape = walkers, max(LEAST_BLOCKS, BLOCKS // walkers), BLOCK_BYTES
+    try:
+        descriptor = sealed_memory(ChannelMemory.bytes(*shape))
+    except OSError as error:
+        log.debug("batches go by the socket: %s", error)
+        return []
+    try:
+        memory = ChannelMemory(descriptor, *shape)
+    except RuntimeError as error:
+        log.debug("batches go by the socket: %s", error)
+        os.close(descriptor)
+        return []
+    try:
+        link.send(ChannelsShared(*shape), descriptor=descriptor)
+    finally:
+        os.close(descriptor)
+    return [BatchChannel(memory, walker) for walker in range(walkers)]
