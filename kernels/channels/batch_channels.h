@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "kernels/packet_layout.h"
 #include "shared_bell.h"
 
 namespace volsplat {
@@ -28,6 +29,7 @@ struct BatchNote {  // of what a block holds: for each region its counts, then f
 
 struct PartCounts {
     std::uint64_t runs, packets;
+    std::uint64_t bytes() const { return runs * sizeof(RowRun) + packets * kPacketBytes; }
 };
 
 enum BlockState : std::uint32_t { kFree, kFilled, kTaken };  // the walker fills, the splat server takes and frees

@@ -16,8 +16,6 @@ unsigned char* append(unsigned char* place, const void* from, std::size_t bytes)
     return place + bytes;
 }
 
-std::size_t bytes_of(std::size_t runs, std::size_t packets) { return runs * sizeof(RowRun) + packets * kPacketBytes; }
-
 std::pair<std::uint32_t, std::uint32_t> row_of(const RowRun& run) { return {run.sheet, run.row}; }
 
 }  // namespace
@@ -80,7 +78,7 @@ BatchChannel::Piece BatchChannel::piece(std::size_t bytes) const {
     Piece piece{next_, batch_->reached_sheet, batch_->reached_row, batch_->last};
     std::size_t all = 0;
     for (std::size_t n = 0; n < next_.size(); ++n) {
-        all += bytes_of(part(n).runs.size() - next_[n].run, part(n).packet_count - next_[n].packet);
+        all += PartCounts{part(n).runs.size() - next_[n].run, part(n).packet_count - next_[n].packet}.bytes();
         piece.ends[n] = {part(n).runs.size(), part(n).packet_count};
     }
     if (all <= bytes) return piece;
@@ -93,7 +91,7 @@ BatchChannel::Piece BatchChannel::piece(std::size_t bytes) const {
         for (std::size_t n = 0; n < next_.size(); ++n) {
             const auto& runs = part(n).runs;
             for (Place& at = ends[n]; at.run < runs.size() && row_of(runs[at.run]) == row; ++at.run) {
-                taken += bytes_of(1, runs[at.run].count);
+                taken += PartCounts{1, runs[at.run].count}.bytes();
                 at.packet += runs[at.run].count;
             }
         }
@@ -119,7 +117,7 @@ void BatchChannel::take_runs(Places& ends, std::size_t bytes) const {
     for (std::size_t n = 0; n < next_.size(); ++n) {
         const auto& runs = part(n).runs;
         for (Place& at = ends[n]; at.run < runs.size() && row_of(runs[at.run]) == row; ++at.run) {
-            const std::size_t more = bytes_of(1, runs[at.run].count);
+            const std::size_t more = PartCounts{1, runs[at.run].count}.bytes();
             if (more > left) {
                 if (left == bytes) throw std::length_error("a block does not hold the longest run");
                 return;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "kernels/channels/batch_channels.h"
 #include "walk_arguments.h"
 
 namespace nb = nanobind;
@@ -51,7 +52,7 @@ std::size_t bytes(const PythonBatch& python, std::size_t first, std::size_t end)
     std::size_t sum = 0;
     for (std::size_t n = first; n < std::min(end, python.batch->parts.size()); ++n) {
         const ShadedPart& part = python.batch->parts[n];
-        sum += part.runs.size() * sizeof(RowRun) + part.packet_count * kPacketBytes;
+        sum += PartCounts{part.runs.size(), part.packet_count}.bytes();
     }
     return sum;
 }

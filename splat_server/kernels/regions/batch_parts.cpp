@@ -16,7 +16,7 @@ std::size_t lay_out(std::span<const PartCounts> counts, const unsigned char* pla
         const unsigned char* const first_packet = place + runs * sizeof(RowRun);
         parts.push_back({{place, first_packet, runs}, packets});
         place = first_packet + packets * kPacketBytes;
-        left -= runs * sizeof(RowRun) + packets * kPacketBytes;
+        left -= PartCounts{runs, packets}.bytes();
     }
     return bytes - left;
 }
