@@ -306,7 +306,7 @@ class BatchChannel:
         """Send the batch's parts from `first` to before `end` next. What was not sent before never will be."""
 
     def send(self, seconds: float) -> bool:
-        """Send as much as there is room for within so many seconds. True once all has gone."""
+        """Send as much as there is room for, waiting so many seconds at most for each block. True once all has gone."""
 
 class BatchEncoder:
     """Writes batches of one frame without what follows from its lattice; see batch_code.h."""

@@ -244,7 +244,7 @@ class BatchPart(Detail, frozen=True):
 class ChannelsShared(Message, frozen=True):
     """Map/shade data link to splat server: batches of these walkers come through memory, whose descriptor comes along.
 
-    Each walker has a channel of so many blocks (see kernels/channels/batch_channels.h). No Batch of theirs follows.
+    Each walker has a channel of so many blocks (see kernels/channels/batch_channels.h). No Batch follows.
     """
 
     walkers: Threads

@@ -113,7 +113,7 @@ bool BatchTaker::take(int walker) {
     const auto lock = locked();
     const int block = next_block_[walker];
     BlockHead& head = memory_->head(walker, block);
-    if (failed_ || head.state.load() != kFilled) return false;
+    if (!fault_.empty() || head.state.load() != kFilled) return false;
     const BatchNote note = note_of(head);
     if (note.frame > newest_frame_) {
         newest_frame_ = note.frame;
@@ -165,7 +165,6 @@ void BatchTaker::push(int walker, const BatchNote& note, const unsigned char* bl
 }
 
 void BatchTaker::fail(const char* fault) noexcept {
-    failed_ = true;
     try {
         fault_ = "frame " + std::to_string(frame_) + ": " + fault;
     } catch (const std::bad_alloc&) {

@@ -65,7 +65,6 @@ private:
     std::vector<int> next_block_;  // of each walker
     std::vector<int> empty_;       // batches of the frame, of each walker
     std::string fault_;
-    bool failed_ = false;
     std::int64_t frame_ = -1;
     std::shared_ptr<SplatFrame> into_;
     int first_source_ = 0, walkers_ = 0;
