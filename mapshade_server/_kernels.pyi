@@ -286,8 +286,6 @@ class Batch:
     def voxels_visited(self) -> int: ...
     @property
     def packet_count(self) -> int: ...
-    def bytes(self, first: int, end: int) -> int:
-        """Of the parts from `first` to before `end`."""
 
 class ChannelMemory:
     """The memory of a link's channels, as the process has it that fills them; see kernels/channels/batch_channels.h."""
@@ -299,14 +297,80 @@ class ChannelMemory:
         """What so many channels take."""
 
 class BatchChannel:
-    """A walker's end of its channel. One thread at a time may call."""
+    """A walker's end of its channel. One thread at a time may call, but for `close`. Deliveries send through it."""
 
     def __init__(self, memory: ChannelMemory, walker: int) -> None: ...
     def begin(self, frame: int, batch: Batch, first: int, end: int) -> None:
         """Send the batch's parts from `first` to before `end` next. What was not sent before never will be."""
-
     def send(self, seconds: float) -> bool:
         """Send as much as there is room for, waiting so many seconds at most for each block. True once all has gone."""
+    def close(self) -> None:
+        """The splat server is lost, which whoever sends hears. From any thread."""
+
+class NewestFrame:
+    """Its number, which any thread may set."""
+
+    number: int
+
+class StillWanted:
+    """Whether a frame is: while none is newer, and until it is ended."""
+
+    def __init__(self, newest: NewestFrame, frame: int) -> None: ...
+    def __call__(self) -> bool: ...
+    def end(self) -> None: ...
+
+class ChannelOutlet:
+    """A walker's way to a splat server of this machine; see channel_outlet.h."""
+
+    def __init__(
+        self, channel: BatchChannel, frame: int, first: int, end: int, tiles: Array | None, wanted: StillWanted
+    ) -> None:
+        """For the parts from `first` to before `end` of batches. What is closed is noted in `tiles`, uint64 (h, w)."""
+    @property
+    def bytes(self) -> int: ...
+    @property
+    def seconds(self) -> float: ...
+    @property
+    def waiting_seconds(self) -> float:
+        """Of these, for the splat server."""
+    @property
+    def spans(self) -> list[tuple[float, float, float]]:
+        """How many seconds ago each batch began to be sent, waited for room, and had gone."""
+
+class Crew:
+    """Threads that walk frames together."""
+
+class WalkTally:
+    batches: int
+    packets: int
+    voxels: int
+    seconds: float
+
+@type_check_only
+class _Outlet(Protocol):
+    """What sends a walker's batches in the delivery's place."""
+
+    def most_packets(self) -> float:
+        """Of the next batch, at most; may wait."""
+    def send(self, batch: Batch, /) -> bool:
+        """False if the splat server is lost."""
+
+class Delivery:
+    """A frame on its way; see delivery.h."""
+
+    def __init__(
+        self,
+        walkers: Sequence[Walker],
+        outlets: Sequence[Sequence[ChannelOutlet | _Outlet | None]],
+        wanted: StillWanted,
+    ) -> None:
+        """Each walker's outlets, one for each splat server; None where that is lost already. Raises ValueError."""
+    def run(self, crew: Crew) -> None:
+        """Walk and send, once. Raises what an outlet raised, and RuntimeError if a thread cannot be started."""
+    def tally(self, walker: int) -> WalkTally: ...
+    def spans(self, walker: int) -> list[tuple[float, float]]:
+        """How many seconds ago each of its batches was begun, and walked."""
+    def lost(self, server: int) -> bool: ...
 
 class BatchEncoder:
     """Writes batches of one frame without what follows from its lattice; see batch_code.h."""

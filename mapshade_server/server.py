@@ -10,13 +10,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 
 import msgspec
 
-from volsplat.mapshade_server._kernels import SignsOfLife
+from volsplat.mapshade_server._kernels import Crew, NewestFrame, SignsOfLife
 from volsplat.mapshade_server.answers.file_answers import FileAnswers, OfFiles
 from volsplat.mapshade_server.answers.light_depths import depths_summed
 from volsplat.mapshade_server.answers.probe import front_most
@@ -38,7 +38,6 @@ from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.program.log_lines import name_session
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
-from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
@@ -80,13 +79,13 @@ class MapShadeServer:
         self._requests = WaitingRequests()
         self._spans = UNTRACED  # of the newest frame
         self._frame_came = 0.0  # when that was received
-        self._newest_frame = 0  # written by the receiving thread, read by the working one
+        self._newest = NewestFrame()  # written by the receiving thread, read by the working one and the walkers
         self._over = False  # the client has ended the session …
         self._another = False  # … and begins another one at once
         self._failure: VolsplatError | None = None  # how the client was lost
         self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption, threads)
-        # As many at once as a frame has walkers: one that waited for another could wait for ever
-        self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
+        self._crew = Crew()
+        self._walking = ThreadPoolExecutor(1, "walk")
         self._reading_ahead = ThreadPoolExecutor(1, "read ahead")
         self._files = FileAnswers(data_root, lambda: self._heartbeat.at_work(client), self._give_of_files)
         self._newest_assignment = 0  # likewise
@@ -129,7 +128,7 @@ class MapShadeServer:
                 pass
         except Exception as error:  # whatever it is: nobody else hears the client
             self._failure = why_unheard(self._client, error)
-        self._newest_frame = self._newest_assignment = sys.maxsize
+        self._newest.number = self._newest_assignment = sys.maxsize
         self._requests.end()
         # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.
         self._client.close()
@@ -146,9 +145,9 @@ class MapShadeServer:
             return False
         match received.message:
             case messages.RenderFrame(frame=frame):
-                self._newest_frame, self._frame_came = frame, clock()
+                self._newest.number, self._frame_came = frame, clock()
             case messages.AbortFrame(frame=frame):
-                self._newest_frame = max(self._newest_frame, frame + 1)
+                self._newest.number = max(self._newest.number, frame + 1)
             case messages.OpenPackets(assignment=assignment):
                 self._newest_assignment = assignment
             case messages.ConnectToSplatServers(routes=routes):
@@ -264,11 +263,11 @@ class MapShadeServer:
             walk,
             request.regions,
             self._links.of_servers,
-            wanted=lambda: self._newest_frame <= request.frame,
-            spans=spans,
+            self._newest,
+            spans,
         )
-        tally = FrameTally.of_walkers(self._delivered(delivery, len(walk.walkers)))
-        if self._newest_frame <= request.frame:
+        tally = self._delivered(delivery)
+        if self._newest.number <= request.frame:
             self._note_frame(spans, came, started, planned)
             stats = replace(tally, planning_seconds=planned - started).stats()
             log.info(
@@ -312,16 +311,14 @@ class MapShadeServer:
     def _read_clock(self, request: messages.ReadClock) -> None:
         self._client.send(messages.ClockRead(clock()))
 
-    def _delivered(self, delivery: FrameDelivery, walkers: int) -> list[FrameTally]:
+    def _delivered(self, delivery: FrameDelivery) -> FrameTally:
         """Have the walkers walk, and answer meanwhile what need not wait for the frame's end."""
-        walking: list[Future[FrameTally]] = []
+        walking = self._walking.submit(delivery.run, self._crew)
+        walking.add_done_callback(lambda _: self._requests.wake())
         try:
-            for walker in range(walkers):
-                walking.append(self._walking.submit(delivery.walk, walker))
-                walking[-1].add_done_callback(lambda _: self._requests.wake())
-            while (probe := self._requests.get_during(self._goes_beside, lambda: _over(walking))) is not None:
+            while (probe := self._requests.get_during(self._goes_beside, walking.done)) is not None:
                 self._answer(*probe)
-            return [walked.result() for walked in walking]
+            return walking.result()
         except Exception:
             delivery.end()  # they may be in sends that end when the client, which hears of it, aborts the frame
             raise
@@ -364,13 +361,6 @@ class MapShadeServer:
         self._held.check(request.assignment, f"counts {request.probe}")
         counts = plane_counts(self._held.sub_cubes(request.level))
         self._client.send(messages.PlaneCounted(request.probe, request.assignment), counts.cast("B"))
-
-
-def _over(walking: "list[Future[FrameTally]]") -> bool:
-    """Whether all are done, or one has failed."""
-    return all(walked.done() for walked in walking) or any(
-        walked.done() and walked.exception() is not None for walked in walking
-    )
 
 
 OWNERS = (MapShadeServer, HeldVolume)

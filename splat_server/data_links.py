@@ -137,10 +137,11 @@ class DataLinks:
         with self._lock:
             return dict(self._held_back)
 
-    def of_unfinished_workers(self) -> list[Connection]:
-        """The links over which batches of the running frame are still to come."""
+    def to_tell_of_merge(self) -> list[Connection]:
+        """The links by whose socket batches of the running frame are still to come: channels have news of their own."""
         with self._lock:
-            return [self._links[worker] for worker in self._merge.unfinished if worker in self._links]
+            unfinished = [worker for worker in self._merge.unfinished if worker in self._links]
+            return [self._links[worker] for worker in unfinished if self._came[worker].taker is None]
 
     def follow_merge(self) -> None:
         """The merge has gone on to another frame, or dropped one: so do those who take batches out of channels."""

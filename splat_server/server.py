@@ -144,12 +144,12 @@ class SplatServer:
         if complete:
             self._finish_frame(assembly)
             return 0.0
-        if not assembly.plan.hides:
+        if not assembly.plan.hides or not (links := self._data_links.to_tell_of_merge()):
             return LOOK_SECONDS
         if (early := self._next_news - time.perf_counter()) > 0:
             return early
         if (reached := assembly.splat.reached()) != self._reached_told:
-            self._tell_of_merge(assembly, reached)
+            self._tell_of_merge(assembly, reached, links)
         return LOOK_SECONDS
 
     def _finish_frame(self, assembly: FrameAssembly) -> None:
@@ -186,12 +186,9 @@ class SplatServer:
         counts.add_all("link_held_back_seconds", [(f"from map/shade server {n}", seconds) for n, seconds in held_back])
         counts.add_all("losses", [("map/shade server", 1.0) for _ in self._lost])
 
-    def _tell_of_merge(self, assembly: FrameAssembly, reached: tuple[int, int]) -> None:
+    def _tell_of_merge(self, assembly: FrameAssembly, reached: tuple[int, int], links: list[Connection]) -> None:
         """Have the workers leave out what is hidden, and come after."""
         self._reached_told = reached
-        links = self._data_links.of_unfinished_workers()
-        if not links:
-            return
         (begin, end), width = assembly.lines, assembly.plan.width
         rows, row = assembly.rows_of_tiles, tile_map_bytes(width, TILE_SIDE)
         tile_map = bytes(assembly.closed_tiles.cast("B")[rows.start * row : rows.stop * row])

@@ -15,8 +15,12 @@ constexpr std::size_t kBlockAlignment = 1 << 16;
 
 std::size_t bells_bytes(const ChannelShape& shape) { return (1 + std::size_t(shape.walkers)) * kLine; }
 
-std::size_t heads_bytes(const ChannelShape& shape) {
-    const std::size_t bytes = bells_bytes(shape) + std::size_t(shape.walkers) * shape.blocks * sizeof(BlockHead);
+std::size_t news_begin(const ChannelShape& shape) {
+    return bells_bytes(shape) + std::size_t(shape.walkers) * shape.blocks * sizeof(BlockHead);
+}
+
+std::size_t blocks_begin(const ChannelShape& shape) {
+    const std::size_t bytes = news_begin(shape) + sizeof(TileNews);
     return (bytes + kBlockAlignment - 1) / kBlockAlignment * kBlockAlignment;
 }
 
@@ -34,12 +38,14 @@ ChannelMemory::ChannelMemory(int descriptor, const ChannelShape& shape)
 ChannelMemory::~ChannelMemory() { ::munmap(memory_, bytes(shape_)); }
 
 std::size_t ChannelMemory::bytes(const ChannelShape& shape) {
-    return heads_bytes(shape) + std::size_t(shape.walkers) * shape.blocks * shape.block_bytes;
+    return blocks_begin(shape) + std::size_t(shape.walkers) * shape.blocks * shape.block_bytes;
 }
 
 SharedBell* ChannelMemory::bell(std::size_t number) const {
     return reinterpret_cast<SharedBell*>(memory_ + number * kLine);
 }
+
+TileNews& ChannelMemory::tile_news() const { return *reinterpret_cast<TileNews*>(memory_ + news_begin(shape_)); }
 
 BlockHead& ChannelMemory::head(int walker, int block) const {
     const std::size_t number = std::size_t(walker) * shape_.blocks + block;
@@ -48,7 +54,7 @@ BlockHead& ChannelMemory::head(int walker, int block) const {
 
 unsigned char* ChannelMemory::block(int walker, int block) const {
     const std::size_t number = std::size_t(walker) * shape_.blocks + block;
-    return memory_ + heads_bytes(shape_) + number * shape_.block_bytes;
+    return memory_ + blocks_begin(shape_) + number * shape_.block_bytes;
 }
 
 }  // namespace volsplat

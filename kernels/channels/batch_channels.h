@@ -1,4 +1,5 @@
-// The memory that a map/shade server's batches go through to a splat server of its machine, as both see it.
+// The memory that a map/shade server's batches go through to a splat server of its machine, as both see it, and by which
+// news of closed tiles come back.
 //
 // Each walker has a channel: blocks that it fills in turn, and that the splat server takes in that order and frees in
 // any order. A walker waits for no block but its own, so that one which is ahead cannot keep another from going on:
@@ -11,6 +12,7 @@
 
 #include "kernels/packet_layout.h"
 #include "shared_bell.h"
+#include "tile_news.h"
 
 namespace volsplat {
 
@@ -54,6 +56,7 @@ public:
     const ChannelShape& shape() const { return shape_; }
     SharedBell& filled() const { return *bell(0); }  // any block
     SharedBell& freed(int walker) const { return *bell(1 + walker); }
+    TileNews& tile_news() const;
     BlockHead& head(int walker, int block) const;
     unsigned char* block(int walker, int block) const;
 

@@ -1,10 +1,9 @@
-"""What a frame costs a map/shade server, counted as its batches go out."""
+"""What a frame costs a map/shade server."""
 
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
@@ -42,24 +41,14 @@ class FrameTally:
     waiting_seconds: float = 0.0
     links: defaultdict[int, LinkTally] = field(default_factory=lambda: defaultdict(LinkTally))  # by splat server
 
-    def count(self, batch: ShadedBatch) -> None:
-        """Add a batch of the walk; what is sent of it is counted where that is known."""
-        self.batches += 1
-        self.voxels_visited += batch.voxels_visited
-        self.packets += batch.packet_count
-
     def send(self, server: int, sent: LinkTally, coding_seconds: float) -> None:
-        """Add what a batch took to a splat server."""
+        """Add what went to a splat server."""
         self.links[server].add(sent)
         self.raw_bytes += sent.raw_bytes
         self.bytes += sent.bytes
         self.coding_seconds += coding_seconds
         self.sending_seconds += sent.sending_seconds
         self.waiting_seconds += sent.waiting_seconds
-
-    def wait(self, server: int, seconds: float) -> None:
-        """Add what passed before a batch might be sent to a splat server."""
-        self.send(server, LinkTally(sending_seconds=seconds, waiting_seconds=seconds), 0.0)
 
     @staticmethod
     def of_walkers(tallies: "Sequence[FrameTally]") -> "FrameTally":

@@ -35,14 +35,14 @@ class Walker:
     """Walks a part of a server's sub-cubes. One thread at a time may have it walk, by `next_batch` or its source."""
 
     def __init__(self, kernel: _kernels.Walker, max_packets: int) -> None:
-        self._kernel = kernel
+        self.kernel = kernel
         self._max_packets = max_packets
         self._ended = False
 
     @property
     def source(self) -> object:
         """For kernels that walk without Python: see kernels/batch_source.h. The frame's walk must outlive it."""
-        return self._kernel.source
+        return self.kernel.source
 
     def next_batch(self, max_packets: float = math.inf, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
         """What comes next, or None after the batch that was the last. There is always a last one, if empty.
@@ -52,7 +52,7 @@ class Walker:
         """
         if self._ended:
             return None
-        batch = self._kernel.next_batch(int(min(max_packets, self._max_packets)), max_voxels)
+        batch = self.kernel.next_batch(int(min(max_packets, self._max_packets)), max_voxels)
         self._ended = batch.last
         return ShadedBatch(batch)
 
@@ -85,6 +85,7 @@ class FrameWalk:
         part for each region; or, with None, each region has a walker, whose batches have that one part and are small,
         for its owner in the same process.
         """
+        closed_tiles = closed_tiles if plan.hides else None
         if plan.slabs is not None:
             max_packets = SLAB_PACKETS
             walk: _kernels.SlabWalk | _kernels.FrameWalk = _slab_walk(
@@ -95,6 +96,7 @@ class FrameWalk:
             walk = _sheet_walk(
                 sub_cubes, geometry, quantisation, shading, plan, closed_tiles, regions, walkers, max_packets
             )
+        self.closed_tiles = closed_tiles
         self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walk.walkers)]
 
 
@@ -137,7 +139,7 @@ def _sheet_walk(
         grid_bytes=[
             shading_tables.grid_bytes(size, factor) for size, factor in zip(geometry.dims, plan.factors, strict=True)
         ],
-        closed_tiles=closed_tiles if plan.hides else None,
+        closed_tiles=closed_tiles,
         regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
         walkers=walkers or 0,
         limits=(max_packets, DEFAULT_VOXELS),

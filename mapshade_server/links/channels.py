@@ -9,9 +9,8 @@ from volsplat.protocol.messages.messages import ChannelsShared
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.shared_memory import sealed_memory
 
-BLOCKS = 12  # of few walkers: what is sent further ahead is too often hidden by the time that it is splatted
-LEAST_BLOCKS = 4  # of each walker of many
-BLOCK_BYTES = 2 << 20  # what is not touched of it costs nothing
+BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of what is ahead is hidden by then
+BLOCK_BYTES = 128 << 10  # of a batch, which is small so that owners soon have something of each walker
 
 log = logging.getLogger(__name__)
 
@@ -20,7 +19,7 @@ def shared_channels(link: Connection, walkers: int) -> Sequence[BatchChannel]:
     """A channel for each of so many walkers; none where no memory can be shared. Raises PeerLost."""
     if not link.may_share_memory:
         return []
-    shape = walkers, max(LEAST_BLOCKS, BLOCKS // walkers), BLOCK_BYTES
+    shape = walkers, BLOCKS, BLOCK_BYTES
     try:
         descriptor = sealed_memory(ChannelMemory.bytes(*shape))
     except OSError as error:

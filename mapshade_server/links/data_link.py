@@ -6,7 +6,6 @@ Walkers send; a thread of the link's own hears which tiles of the image are clos
 import math
 import threading
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 import msgspec
@@ -26,7 +25,6 @@ from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.peer import Counters
 
-LOOK_SECONDS = 0.005  # between two looks at whether a batch that finds no room is still wanted
 NEWS_SECONDS = 0.012  # from when a batch has come until there is news of it: splatting, and the time between two news
 
 
@@ -80,28 +78,10 @@ class DataLink:
         """By which the walker's batches go; None if that is the socket."""
         return self._channels[walker] if walker < len(self._channels) else None
 
-    def send_through(
-        self, channel: BatchChannel, frame: int, batch: ShadedBatch, parts: slice, wanted: Callable[[], bool]
-    ) -> Sent:
-        """Send these parts of a batch, or as much as there is room for while the frame is `wanted`.
-
-        Raises PeerLost if the splat server is gone.
-        """
-        began = time.perf_counter()
-        self._check_open()
-        nbytes, waiting = batch.kernel.bytes(parts.start, parts.stop), 0.0
-        channel.begin(frame, batch.kernel, parts.start, parts.stop)
-        if not channel.send(0.0):
-            filled = time.perf_counter()
-            while not channel.send(LOOK_SECONDS) and wanted():
-                self._check_open()
-            waiting = time.perf_counter() - filled
-        return Sent(nbytes, 0.0, time.perf_counter() - began, waiting)
-
-    def _check_open(self) -> None:
-        if self._connection.closed:
-            self._hearing.join()  # it closed the connection, and is about to say why
-            raise self._failure or ConnectionClosed(f"{self._connection}: this side has closed the connection")
+    def why_lost(self) -> VolsplatError:
+        """Once it is closed: by whom, and why."""
+        self._hearing.join()  # it closed the connection, and is about to say
+        return self._failure or ConnectionClosed(f"{self._connection}: this side has closed the connection")
 
     def send(self, batch: messages.Batch, parts: slice, shaded: ShadedBatch) -> Sent:
         """Send these parts of a batch by the socket, coded if so it is there sooner.
@@ -119,9 +99,8 @@ class DataLink:
                 self._connection.send(batch, coded)
             else:
                 self._connection.send(batch, *(memory for part in sent_parts for memory in (part.runs, part.packets)))
-        except ConnectionClosed as closed:
-            self._hearing.join()  # it closed the connection, and is about to say why
-            raise self._failure or closed from None
+        except ConnectionClosed:
+            raise self.why_lost() from None
         ended, waited = time.perf_counter(), self.counters.seconds_in_send - waited
         packets = sum(part.packet_count for part in sent_parts)
         self.pace.sent(batch.walker, (batch.reached_sheet, batch.reached_row), batch.payload_bytes(), packets)
@@ -153,6 +132,8 @@ class DataLink:
             self._failure = error
         finally:
             self._connection.close()  # a link that nobody hears is lost
+            for channel in self._channels:
+                channel.close()
             self.pace.end()
 
     @takes(messages.TilesClosed)

@@ -1,6 +1,5 @@
 """Batches through memory that walkers and splat server share: the same image, however small it is."""
 
-import mmap
 import os
 import struct
 import threading
@@ -16,103 +15,36 @@ from hypothesis import strategies as st
 
 from support.patience import PATIENCE, wait_until
 from support.scenes.arbitrary import geometries, plain_scene
-from support.scenes.owned import owners
-from support.scenes.rendering import batch_memory
-from support.scenes.shadings import WINDOW, shaded_scenes, volumes
-from volsplat.mapshade_server._kernels import BatchChannel, ChannelMemory
+from support.scenes.channels import (
+    BLOCK_BYTES,
+    BLOCKS,
+    WALKERS,
+    Channels,
+    begun,
+    channels,
+    finished,
+    held_of,
+    pushed,
+    walk_of,
+)
+from support.scenes.shadings import shaded_scenes, volumes
+from volsplat.mapshade_server._kernels import BatchChannel
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
-from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.protocol.wire.shared_memory import sealed_memory
-from volsplat.splat_server._kernels import BatchTaker, Bell, ReadBudget, SplatFrame
+from volsplat.splat_server._kernels import BatchTaker, Bell, SplatFrame
 from volsplat.splat_server.came_batches import Came
-from volsplat.splat_server.frame_assembly import FrameAssembly
 
-PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
-WALKERS, BLOCKS, BLOCK_BYTES = 3, 2, 1 << 12
-LINE = 64  # bytes: of each bell, and of what stands before a block
 FILLED = 1
-NOTE = struct.Struct("<I4xqQQQQ")  # state, frame, (sheet, row) reached, regions, whether it is the last
-
-
-@dataclass
-class Channels:
-    """Both ends in one process, as two would map them."""
-
-    memory: mmap.mmap
-    ways: list[BatchChannel]
-    taker: BatchTaker
-    news: Bell
-
-    def note(self, walker: int, block: int, *note: int) -> None:
-        """Say by hand what a block holds."""
-        NOTE.pack_into(self.memory, LINE * (1 + len(self.ways) + walker * BLOCKS + block), *note)
-        channel = struct.Struct("<I")
-        channel.pack_into(self.memory, 0, channel.unpack_from(self.memory)[0] + 1)
-
-    def write(self, walker: int, block: int, what: bytes) -> None:
-        """Into a block."""
-        begin = len(self.memory) - (len(self.ways) * BLOCKS - walker * BLOCKS - block) * BLOCK_BYTES
-        self.memory[begin : begin + len(what)] = what
-
-
-@contextmanager
-def channels(walkers: int = WALKERS, block_bytes: int = BLOCK_BYTES) -> Iterator[Channels]:
-    shape = walkers, BLOCKS, block_bytes
-    size = ChannelMemory.bytes(*shape)
-    assert size == BatchTaker.memory_bytes(*shape)
-    descriptor, news = sealed_memory(size), Bell()
-    try:
-        filled, seen = ChannelMemory(descriptor, *shape), mmap.mmap(descriptor, size)
-        taker = BatchTaker(descriptor, *shape, news=news)
-    finally:
-        os.close(descriptor)
-    try:
-        yield Channels(seen, [BatchChannel(filled, walker) for walker in range(walkers)], taker, news)
-    finally:
-        taker.close()
-
-
-def walk_of(held: SubCube, scene: Scene, plan: FramePlan, regions: list[Region], walkers: int = WALKERS) -> FrameWalk:
-    return FrameWalk([held], held.geometry, PLAIN, shading_rule(scene, plan.step), plan, None, regions, walkers)
-
-
-def held_of(geometry: Geometry, values: torch.Tensor) -> SubCube:
-    held = SubCube.of_volume(geometry, values)
-    held.pack(PLAIN)
-    return held
-
-
-@contextmanager
-def begun(plan: FramePlan, regions: list[Region], frame: int = 1, sources: int = WALKERS) -> Iterator[FrameAssembly]:
-    with owners(2) as made:
-        assembly = FrameAssembly(made, plan, frame)
-        assembly.begin(regions, sources, Bell())
-        yield assembly
-
-
-def finished(assembly: FrameAssembly) -> bytes:
-    wait_until(lambda: assembly.splat.complete, "a finished frame")
-    return bytes(assembly.published())
-
-
-def pushed(walk: FrameWalk, plan: FramePlan, regions: list[Region], most: int) -> bytes:
-    """The image without channels."""
-    budget = ReadBudget(1 << 62, Bell())
-    with begun(plan, regions) as assembly:
-        for source, walker in enumerate(walk.walkers):
-            while (batch := walker.next_batch(most)) is not None:
-                assembly.splat.push(source, batch_memory(batch.parts, budget), *batch.reached, batch.last)
-        return finished(assembly)
 
 
 def sent(through: Channels, walk: FrameWalk, frame: int, first: int, end: int, most: int) -> list[threading.Thread]:
@@ -128,6 +60,10 @@ def sent(through: Channels, walk: FrameWalk, frame: int, first: int, end: int, m
     for thread in threads:
         thread.start()
     return threads
+
+
+def nbytes(batch: ShadedBatch) -> int:
+    return sum(len(part.runs) + len(part.packets) for part in batch.parts)
 
 
 def joined(threads: list[threading.Thread]) -> None:
@@ -227,7 +163,7 @@ def test_batches_of_a_later_frame_wait_for_it_and_those_of_an_older_one_go(subje
 def test_a_batch_that_was_given_up_half_way_is_forgotten_with_its_frame(subject: Subject) -> None:
     with channels(block_bytes=512) as through:
         batch = subject.walk.walkers[0].next_batch()
-        assert batch is not None and batch.kernel.bytes(0, 1) > BLOCKS * 512
+        assert batch is not None and nbytes(batch) > BLOCKS * 512
         through.ways[0].begin(1, batch.kernel, 0, 1)
         assert not through.ways[0].send(0.0)  # blocks of it are there
         with subject.frame(2) as frame:
@@ -246,7 +182,7 @@ def test_what_is_there_can_be_taken_at_once(subject: Subject) -> None:
         through.ways[0].begin(1, batch.kernel, 0, 1)
         assert through.ways[0].send(0.0)
         through.taker.drain()
-        assert through.taker.bytes == batch.kernel.bytes(0, 1)
+        assert through.taker.bytes == nbytes(batch)
         through.taker.close()
         through.taker.close()
 
@@ -328,8 +264,7 @@ def test_whoever_scribbles_in_the_memory_spoils_no_more_than_its_own_batches(
             if (batch := walker.next_batch(50)) is not None:
                 through.ways[0].begin(1, batch.kernel, 0, 1)
                 through.ways[0].send(0.0)
-            begin = place % (len(through.memory) - len(what))
-            through.memory[begin : begin + len(what)] = what
+            through.scribble(place, what)
         through.taker.drain()
         through.taker.close()
 

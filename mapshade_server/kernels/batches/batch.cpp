@@ -23,6 +23,12 @@ void Batch::begin(std::size_t regions) {
     voxels_visited = 0;
 }
 
+std::size_t Batch::packet_count() const {
+    std::size_t count = 0;
+    for (const ShadedPart& part : parts) count += part.packet_count;
+    return count;
+}
+
 std::shared_ptr<Batch> free_batch() {
     static std::mutex mutex;
     static std::vector<std::shared_ptr<Batch>> batches;

@@ -29,6 +29,8 @@ struct Batch {
 
     // Empties it, but keeps its memory.
     void begin(std::size_t regions);
+    // Of all parts.
+    std::size_t packet_count() const;
 };
 
 // Batches are used again, by later walks too, once nobody else holds them. Any thread may ask.

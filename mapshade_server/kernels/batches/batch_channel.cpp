@@ -28,16 +28,27 @@ void BatchChannel::begin(std::int64_t frame, std::shared_ptr<const Batch> batch,
     next_.assign(end - first, {0, 0});
 }
 
-bool BatchChannel::send(double seconds) {
+BatchChannel::Sent BatchChannel::send(double seconds) {
     while (batch_) {
         BlockHead& head = memory_->head(walker_, block_);
-        if (!wait_for_block(head, seconds)) return false;
+        const bool free = wait_for_block(head, seconds);
+        if (closed_) return Sent::lost;
+        if (!free) return Sent::part;
         fill(head, memory_->block(walker_, block_));
         head.state.store(kFilled);
         memory_->filled().ring();
         block_ = (block_ + 1) % memory_->shape().blocks;
     }
-    return true;
+    return Sent::all;
+}
+
+void BatchChannel::hear_tiles(std::int64_t frame, std::uint64_t* map, std::size_t words) const {
+    memory_->tile_news().hear(frame, map, words);
+}
+
+void BatchChannel::close() {
+    closed_ = true;
+    memory_->freed(walker_).ring_anyway();
 }
 
 bool BatchChannel::wait_for_block(BlockHead& head, double seconds) {
@@ -51,7 +62,7 @@ bool BatchChannel::wait_for_block(BlockHead& head, double seconds) {
         if (left > 0) freed.wait(heard, left);
         heard = freed.rung();
         if (head.state.load() == kFree) return true;
-        if (left <= 0) return false;
+        if (left <= 0 || closed_) return false;
     }
 }
 

@@ -1,6 +1,7 @@
 // A walker's end of the channel to a splat server of its machine.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -12,18 +13,28 @@
 
 namespace volsplat {
 
-// One thread at a time may call.
+// One thread at a time may call, but for close().
 class BatchChannel {
 public:
+    enum class Sent { all, part, lost };
+
     // Blocks must hold the counts of all regions and the longest run.
     BatchChannel(std::shared_ptr<ChannelMemory> memory, int walker) : memory_(std::move(memory)), walker_(walker) {}
 
+    // That a batch may have so as to fit into a block: there is as much room for its runs.
+    std::size_t most_packets() const { return memory_->shape().block_bytes / (2 * kPacketBytes); }
+
     // To be sent next: the batch's parts from `first` to before `end`. What was not sent before never will be.
     void begin(std::int64_t frame, std::shared_ptr<const Batch> batch, std::size_t first, std::size_t end);
-    // Sends as much as there is room for, waiting for each block so many seconds at most. True once all has gone. What
-    // one block does not hold goes on in the next, whole rows first, so that each block has reached the same place of
-    // the traversal for all regions, as a batch has.
-    bool send(double seconds);
+    // Sends as much as there is room for, waiting for each block so many seconds at most. What one block does not hold
+    // goes on in the next, whole rows first, so that each block has reached the same place of the traversal for all
+    // regions, as a batch has.
+    Sent send(double seconds);
+    // Adds the tiles that the splat server has closed to a map of so many words, if they are of this frame.
+    void hear_tiles(std::int64_t frame, std::uint64_t* map, std::size_t words) const;
+
+    // The splat server is lost, which whoever sends hears. From any thread.
+    void close();
 
 private:
     struct Place {  // in a part
@@ -49,6 +60,7 @@ private:
 
     const std::shared_ptr<ChannelMemory> memory_;
     const int walker_;
+    std::atomic<bool> closed_{false};
     int block_ = 0;  // to be filled next
     std::int64_t frame_ = -1;
     std::shared_ptr<const Batch> batch_;

@@ -1,7 +1,13 @@
 // Batches as the owners of regions take them.
 #include "batch_walker.h"
 
+#include <algorithm>
+
 namespace volsplat {
+
+void BatchWalker::next_batch(std::size_t most_packets, Batch& batch) {
+    next_batch({std::min(most_packets, limits_.packets), limits_.voxels}, batch);
+}
 
 Step BatchWalker::next() {
     const std::shared_ptr<Batch> batch = free_batch();

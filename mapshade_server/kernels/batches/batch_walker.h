@@ -21,6 +21,9 @@ public:
     // a frame's first batches may be smaller.
     virtual void next_batch(const BatchLimits& limits, Batch& batch) = 0;
 
+    // With the walk's own limits, or fewer packets.
+    void next_batch(std::size_t most_packets, Batch& batch);
+
     Step next() final;
 
 protected:

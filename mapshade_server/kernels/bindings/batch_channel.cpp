@@ -34,7 +34,11 @@ void bind_batch_channel(nb::module_& m) {
             [](BatchChannel& channel, std::int64_t frame, const PythonBatch& python, std::size_t first,
                std::size_t end) { channel.begin(frame, python.batch, first, end); },
             "frame"_a, "batch"_a, "first"_a, "end"_a)
-        .def("send", &BatchChannel::send, "seconds"_a, Unlocked());
+        .def(
+            "send",
+            [](BatchChannel& channel, double seconds) { return channel.send(seconds) == BatchChannel::Sent::all; },
+            "seconds"_a, Unlocked())
+        .def("close", &BatchChannel::close);
 }
 
 }  // namespace volsplat

@@ -3,6 +3,7 @@
 
 #include "batch_channel.h"
 #include "batch_encoder.h"
+#include "delivery.h"
 #include "frame_walk.h"
 #include "kernels/bind_module.h"
 #include "kernels/tables/bind_patch_table.h"
@@ -20,6 +21,7 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_preprocessing(m);
     volsplat::bind_walker(m);
     volsplat::bind_batch_channel(m);
+    volsplat::bind_delivery(m);
     volsplat::bind_frame_walk(m);
     volsplat::bind_slab_walk(m);
     volsplat::bind_batch_encoder(m);

@@ -2,10 +2,8 @@
 
 #include <nanobind/ndarray.h>
 
-#include <algorithm>
 #include <memory>
 
-#include "kernels/channels/batch_channels.h"
 #include "walk_arguments.h"
 
 namespace nb = nanobind;
@@ -41,22 +39,6 @@ nb::list parts(const PythonBatch& python) {
     return parts;
 }
 
-std::size_t packet_count(const PythonBatch& python) {
-    std::size_t count = 0;
-    for (const ShadedPart& part : python.batch->parts) count += part.packet_count;
-    return count;
-}
-
-// Of the parts from the first on to before the end.
-std::size_t bytes(const PythonBatch& python, std::size_t first, std::size_t end) {
-    std::size_t sum = 0;
-    for (std::size_t n = first; n < std::min(end, python.batch->parts.size()); ++n) {
-        const ShadedPart& part = python.batch->parts[n];
-        sum += PartCounts{part.runs.size(), part.packet_count}.bytes();
-    }
-    return sum;
-}
-
 }  // namespace
 
 void bind_walker(nb::module_& m) {
@@ -69,8 +51,7 @@ void bind_walker(nb::module_& m) {
                      })
         .def_prop_ro("last", [](const PythonBatch& python) { return python.batch->last; })
         .def_prop_ro("voxels_visited", [](const PythonBatch& python) { return python.batch->voxels_visited; })
-        .def_prop_ro("packet_count", &packet_count)
-        .def("bytes", &bytes, "first"_a, "end"_a);
+        .def_prop_ro("packet_count", [](const PythonBatch& python) { return python.batch->packet_count(); });
     nb::class_<BatchWalker>(m, "Walker")
         .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a, Unlocked())
         .def_prop_ro("source", [](BatchWalker& walker) {

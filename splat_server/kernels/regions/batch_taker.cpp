@@ -29,12 +29,18 @@ BatchNote note_of(BlockHead& head) {
 
 }  // namespace
 
-// A block that is read: freed on destruction.
+// A block that is read: freed on destruction, by when its packets have closed tiles.
 class BatchTaker::TakenBlock {
 public:
-    TakenBlock(std::shared_ptr<ChannelMemory> memory, std::shared_ptr<Flags> taken, int walker, int block)
-        : memory_(std::move(memory)), taken_(std::move(taken)), walker_(walker), block_(block) {}
+    TakenBlock(std::shared_ptr<ChannelMemory> memory, std::shared_ptr<TileTeller> tiles, std::shared_ptr<Flags> taken,
+               int walker, int block)
+        : memory_(std::move(memory)),
+          tiles_(std::move(tiles)),
+          taken_(std::move(taken)),
+          walker_(walker),
+          block_(block) {}
     ~TakenBlock() {
+        tiles_->tell();
         (*taken_)[walker_ * memory_->shape().blocks + block_] = false;
         memory_->head(walker_, block_).state.store(kFree);
         memory_->freed(walker_).ring();
@@ -44,6 +50,7 @@ public:
 
 private:
     const std::shared_ptr<ChannelMemory> memory_;
+    const std::shared_ptr<TileTeller> tiles_;
     const std::shared_ptr<Flags> taken_;
     const int walker_, block_;
 };
@@ -51,6 +58,7 @@ private:
 BatchTaker::BatchTaker(std::shared_ptr<ChannelMemory> memory, std::shared_ptr<Bell> news)
     : memory_(std::move(memory)),
       news_(std::move(news)),
+      tiles_(std::make_shared<TileTeller>(memory_)),
       taken_(std::make_shared<Flags>(std::size_t(memory_->shape().walkers) * memory_->shape().blocks)),
       next_block_(memory_->shape().walkers),
       empty_(memory_->shape().walkers) {
@@ -62,6 +70,7 @@ void BatchTaker::begin(std::int64_t frame, std::shared_ptr<SplatFrame> into, int
     {
         const auto lock = locked();
         if (frame != frame_) bytes_ = 0, spans_.clear(), empty_.assign(empty_.size(), 0);
+        if (into != into_) tiles_->begin(frame, into);
         frame_ = frame, first_source_ = first_source, walkers_ = walkers, traced_ = traced;
         into_.swap(into);
     }
@@ -134,7 +143,7 @@ void BatchTaker::take_filled(int walker, int block, const BatchNote& note) {
     const Clock::time_point began = Clock::now();
     std::atomic<bool>& flag = (*taken_)[walker * memory_->shape().blocks + block];
     if (flag.exchange(true)) throw std::invalid_argument("a block was filled before it was free");
-    auto taken = std::make_shared<TakenBlock>(memory_, taken_, walker, block);
+    auto taken = std::make_shared<TakenBlock>(memory_, tiles_, taken_, walker, block);
     memory_->head(walker, block).state.store(kTaken);
     next_block_[walker] = (block + 1) % memory_->shape().blocks;
     if (note.frame < frame_ || !into_) return;

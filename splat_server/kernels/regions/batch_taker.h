@@ -12,6 +12,7 @@
 
 #include "kernels/channels/batch_channels.h"
 #include "splat_frame.h"
+#include "tile_teller.h"
 
 namespace volsplat {
 
@@ -56,6 +57,7 @@ private:
 
     const std::shared_ptr<ChannelMemory> memory_;
     const std::shared_ptr<Bell> news_;
+    const std::shared_ptr<TileTeller> tiles_;
     const std::shared_ptr<Flags> taken_;  // of each block: what the memory says of that may be untrue
     std::atomic<bool> closed_{false};
     std::atomic<std::int64_t> newest_frame_{-1}, bytes_{0};

@@ -47,6 +47,13 @@ SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::
     }
 }
 
+TileWords SplatFrame::closed_tiles() const {
+    const RowSpan lines = all_lines(task_.regions);
+    const auto row = static_cast<std::size_t>(image_->tile_words());
+    const std::size_t first = lines.begin / kTileSide * row, end = (lines.end + kTileSide - 1) / kTileSide * row;
+    return {image_->closed_tiles() + first, first, end - first};
+}
+
 SplatFrame::Source& SplatFrame::source_at(int number) {
     if (number < 0 || number >= static_cast<int>(sources_.size()))
         throw std::invalid_argument("source " + std::to_string(number) + " is not part of this frame");

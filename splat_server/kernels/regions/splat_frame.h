@@ -45,6 +45,11 @@ struct Walked {  // what walks have handed out
     std::int64_t steps = 0, voxels = 0, packets = 0, bytes = 0;
 };
 
+struct TileWords {  // of the map of closed tiles, from the first on
+    const std::uint64_t* words;
+    std::size_t first, count;
+};
+
 struct FrameBells {
     std::vector<std::shared_ptr<Bell>> owners;
     std::shared_ptr<Bell> news;      // the frame is complete, or has failed, or has gone on since reached() was asked
@@ -79,6 +84,8 @@ public:
     // All that lies before it has been splatted in every region; kEnd once that is all.
     Place reached();
     ImageMemory& image() { return *image_; }
+    // Those of its regions. Bits rise while it is drawn.
+    TileWords closed_tiles() const;
 
     // Once it is complete.
     const std::vector<std::uint64_t>& work() const { return work_; }
