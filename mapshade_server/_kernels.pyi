@@ -307,6 +307,9 @@ class BatchChannel:
     def close(self) -> None:
         """The splat server is lost, which whoever sends hears. From any thread."""
 
+def span_clock() -> float:
+    """Seconds, by the clock of spans: Python's may count from another moment."""
+
 class NewestFrame:
     """Its number, which any thread may set."""
 
@@ -335,7 +338,7 @@ class ChannelOutlet:
         """Of these, for the splat server."""
     @property
     def spans(self) -> list[tuple[float, float, float]]:
-        """How many seconds ago each batch began to be sent, waited for room, and had gone."""
+        """When, by `span_clock`, each batch began to be sent, waited for room, and had gone."""
 
 class Crew:
     """Threads that walk frames together."""
@@ -369,7 +372,7 @@ class Delivery:
         """Walk and send, once. Raises what an outlet raised, and RuntimeError if a thread cannot be started."""
     def tally(self, walker: int) -> WalkTally: ...
     def spans(self, walker: int) -> list[tuple[float, float]]:
-        """How many seconds ago each of its batches was begun, and walked."""
+        """When, by `span_clock`, each of its batches was begun, and walked."""
     def lost(self, server: int) -> bool: ...
 
 class BatchEncoder:

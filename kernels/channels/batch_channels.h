@@ -1,5 +1,5 @@
-// The memory that a map/shade server's batches go through to a splat server of its machine, as both see it, and by which
-// news of closed tiles come back.
+// The memory that a map/shade server's batches go through to a splat server of its machine, as both see it, and by
+// which news of closed tiles come back.
 //
 // Each walker has a channel: blocks that it fills in turn, and that the splat server takes in that order and frees in
 // any order. A walker waits for no block but its own, so that one which is ahead cannot keep another from going on:

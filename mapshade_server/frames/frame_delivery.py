@@ -86,18 +86,16 @@ class FrameDelivery:
 
     def _note(self) -> None:
         """When the kernels did what."""
+        ahead = clock() - _kernels.span_clock()
         for walker, outlets in enumerate(self._outlets):
-            row, now = f"walker {walker}", clock()
+            row = f"walker {walker}"
             for began, ended in self._kernel.spans(walker):
-                self._spans.note(row, "walk", now - began, now - ended)
+                self._spans.note(row, "walk", began + ahead, ended + ahead)
             for server, outlet in outlets.items():
-                if not isinstance(outlet, _kernels.ChannelOutlet):
-                    continue
-                now = clock()
-                for began, full, ended in outlet.spans:
-                    self._spans.note(row, f"send to splat server {server}", now - began, now - ended)
-                    if full - ended > LEAST_SPAN:
-                        self._spans.note(row, "wait for room", now - full, now - ended)
+                for began, full, ended in outlet.spans if isinstance(outlet, _kernels.ChannelOutlet) else ():
+                    self._spans.note(row, f"send to splat server {server}", began + ahead, ended + ahead)
+                    if ended - full > LEAST_SPAN:
+                        self._spans.note(row, "wait for room", full + ahead, ended + ahead)
 
 
 def _parts_of(regions: Sequence[Region]) -> dict[int, slice]:

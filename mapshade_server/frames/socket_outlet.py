@@ -32,7 +32,7 @@ class SocketOutlet:
         wanted: Callable[[], bool],
         spans: FrameSpans,
     ) -> None:
-        """For these parts of the batches that a walker of this server, `worker`, has of a frame while it is `wanted`."""
+        """For these parts of the batches of a walker of this server, `worker`, while their frame is `wanted`."""
         self.tally = LinkTally()
         self.coding_seconds = 0.0
         self._link = link

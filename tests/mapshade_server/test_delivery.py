@@ -63,6 +63,9 @@ class Deaf:
         return self._answer()
 
 
+Outlets = list[list[ChannelOutlet | Deaf | None]]  # of each walker, for each splat server
+
+
 def wanted(frame: int = 1) -> StillWanted:
     return StillWanted(NewestFrame(), frame)
 
@@ -153,7 +156,7 @@ def test_news_of_another_frame_are_not_heard() -> None:
                 of_frame.end()
                 return True
 
-            outlets = [[ChannelOutlet(way, frame, 0, 1, tiles, of_frame), Deaf(end)] for way in through.ways]
+            outlets: Outlets = [[ChannelOutlet(way, frame, 0, 1, tiles, of_frame), Deaf(end)] for way in through.ways]
             Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew())
             return any(tiles.cast("B"))
 
@@ -196,7 +199,7 @@ def test_whoever_waits_for_room_ends_with_a_newer_frame(walk: FrameWalk) -> None
 def test_a_splat_server_that_is_lost_gets_no_more_and_the_others_get_all(walk: FrameWalk) -> None:
     of_frame, others = wanted(), [Deaf() for _ in walk.walkers]
     with channels() as through:
-        outlets = [
+        outlets: Outlets = [
             [ChannelOutlet(way, 1, 0, 1, None, of_frame), other]
             for way, other in zip(through.ways, others, strict=True)
         ]
@@ -232,7 +235,7 @@ def test_what_an_outlet_raises_ends_all_walkers_and_is_raised(walk: FrameWalk) -
 
     with channels() as through:  # in which the others find no room
         of_frame = wanted()
-        outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame), Deaf()] for way in through.ways]
+        outlets: Outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame), Deaf()] for way in through.ways]
         outlets[1] = [Deaf(), Deaf(fail)]
         with pytest.raises(OSError, match="no way out"):
             Delivery(kernels(walk), outlets, of_frame).run(Crew())

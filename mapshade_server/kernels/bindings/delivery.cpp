@@ -107,21 +107,20 @@ public:
     Delivery delivery;
 };
 
-// By how many seconds they lie back: Python's clock may count from another moment.
+// By `span_clock`.
+double seconds(Clock::time_point moment) { return std::chrono::duration<double>(moment.time_since_epoch()).count(); }
+
 std::vector<std::pair<double, double>> walk_spans(const PythonDelivery& python, std::size_t walker) {
-    const Clock::time_point now = Clock::now();
-    const auto ago = [&](Clock::time_point then) { return std::chrono::duration<double>(now - then).count(); };
     std::vector<std::pair<double, double>> all;
-    for (const WalkSpan& span : python.delivery.tally(walker).spans) all.push_back({ago(span.began), ago(span.ended)});
+    for (const WalkSpan& span : python.delivery.tally(walker).spans)
+        all.push_back({seconds(span.began), seconds(span.ended)});
     return all;
 }
 
 std::vector<std::tuple<double, double, double>> send_spans(const PythonChannelOutlet& python) {
-    const Clock::time_point now = Clock::now();
-    const auto ago = [&](Clock::time_point then) { return std::chrono::duration<double>(now - then).count(); };
     std::vector<std::tuple<double, double, double>> all;
     for (const SendSpan& span : python.outlet->tally().spans)
-        all.push_back({ago(span.began), ago(span.waited), ago(span.ended)});
+        all.push_back({seconds(span.began), seconds(span.waited), seconds(span.ended)});
     return all;
 }
 
@@ -129,6 +128,7 @@ std::vector<std::tuple<double, double, double>> send_spans(const PythonChannelOu
 
 void bind_delivery(nb::module_& m) {
     typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
+    m.def("span_clock", [] { return seconds(Clock::now()); });
     nb::class_<NewestFrame>(m, "NewestFrame")
         .def("__init__", [](NewestFrame* self) { new (self) NewestFrame(0); })
         .def_prop_rw(

@@ -23,7 +23,7 @@ public:
 
 private:
     const std::shared_ptr<ChannelMemory> memory_;
-    std::mutex mutex_;                // guards what follows, and what is told
+    std::mutex mutex_;                 // guards what follows, and what is told
     std::weak_ptr<SplatFrame> frame_;  // which may hold whoever tells
 };
 
