@@ -95,3 +95,4 @@ def notebook_cell(page: Page, session: Session, **options: Any) -> Iterator[Note
         yield cell
     finally:
         cell.close()
+        page.close()  # a function that is exposed to it stays
