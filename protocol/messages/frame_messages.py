@@ -244,7 +244,8 @@ class BatchPart(Detail, frozen=True):
 class ChannelsShared(Message, frozen=True):
     """Map/shade data link to splat server: batches of these walkers come through memory, whose descriptor comes along.
 
-    Each walker has a channel of so many blocks (see kernels/channels/batch_channels.h). No Batch follows.
+    Each walker has a channel of so many blocks (see kernels/channels/batch_channels.h). No Batch follows, and in the
+    same memory comes word of closed tiles: no TilesClosed and no MergeReached.
     """
 
     walkers: Threads
