@@ -140,7 +140,7 @@ class AnyLevel(NamedTuple):
         ]
         columns = columns_of(self.dims)[axis]
         rows = self.rows[columns.begin : columns.end].reshape(columns.number, columns.depth, -1)
-        seen = [level_columns.seen(column, axis, from_high, *tables) for column in rows]
+        seen = [level_columns.seen(column, axis, from_high, tables[0], tables[1]) for column in rows]
         of_finer, of_coarser, *reflected = zip(*seen, strict=True)
         return math.fsum(of_finer), math.fsum(of_coarser), sum(reflected[0]), sum(reflected[1])
 
