@@ -144,8 +144,9 @@ def seen_in_columns(
 ) -> tuple[float, float, Array, Array]:
     """What is seen along columns of level_columns, uint32 (columns * depth, 9), from one of their ends.
 
-    Tables are float64 (65536, 3) over density | strength << 8: optical depth of a layer, emitted, reflected. Emitted
-    light by the finer and the coarser voxels, then what they reflect, by direction code: float64 (32768,) each.
+    Tables are float64 (65536, 7) over density | strength << 8: optical depth of a layer, how much light that lets
+    through, what is emitted, and what is reflected of each of four steps of the light. Emitted light by the finer
+    and the coarser voxels, then what they reflect, by direction code and step: float64 (32768, 4) each.
     A coarser voxel stands for so many `layers` along the axis, of `places` voxels each.
     """
 

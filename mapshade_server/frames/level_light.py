@@ -5,11 +5,16 @@ voxels that they stand for. What a level emits, and the light that falls on it, 
 from where the viewer is: layers seen edge on gain more by a coarser level than those seen from above. Each level is
 compared with the one before, so the factors of levels multiply.
 
+No colour exceeds 1, and a bright voxel's is cut off there, which happens less to a level's means. How much light it
+takes until then differs from channel to channel, and how much there is from frame to frame. So the light is taken in
+steps, of each of which a voxel reflects as much as it has room for.
+
 A layer lets exp(-depth) through: the depth that it has by footprints of a pixel a voxel on the level, of half a pixel
 on the one before (see level_gain).
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import NamedTuple
@@ -17,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.held.level_columns import LevelColumns, Seen
+from volsplat.mapshade_server.held.level_columns import LevelColumns, Looks, Reflected, Seen
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -25,10 +30,14 @@ from volsplat.protocol.rules.level_gain import LEAST_PEAK, dilogarithm, footprin
 
 ROUNDED_TO = 1024  # so that processors that sum otherwise agree
 LEAST_FACTOR, GREATEST_FACTOR = 0.5, 2.0
+LEAST_COLOUR = 1e-9  # anything less reflects nothing
+LEAST_SHARE = 1.0 - 1e-9  # of what is to be reflected: where all colours are white, more light changes nothing
 DILOGARITHMS = 1024  # places at which it is known, with straight lines between
+LIGHT_STEPS, LIGHT_STEP = 4, 0.5  # there is no more light than of them all
 
 Numbers = NDArray[np.float64]
 Light = NDArray[np.float64]  # (32768,)
+Colours = NDArray[np.float64]  # (65536, 3)
 
 
 def depths(opacity: Numbers, thickness: float, amplitude: float) -> Numbers:
@@ -49,12 +58,30 @@ def _dilogarithms() -> Numbers:
     return np.array([dilogarithm(n / DILOGARITHMS) for n in range(DILOGARITHMS + 1)])
 
 
-class Look(NamedTuple):
-    """What tables make of a level's voxels, at density | strength << 8: (65536,) each, colours as means of three."""
+def reflected_in_steps(refl: Colours, room: Colours) -> Numbers:
+    """What voxels reflect of each step of the light, the means of three channels: (65536, 4).
 
-    opacity: Numbers
-    emitted: Numbers
-    reflected: Numbers
+    All together they reflect min(refl * light, room), if the light or what takes a channel's room is so many whole
+    steps, and nearly so between.
+    """
+    reflected = np.zeros((LIGHT_STEPS, len(refl)))
+    for of_channel, left in zip(refl.T.copy(), room.T, strict=True):
+        steps = left / (LIGHT_STEP * np.maximum(of_channel, LEAST_COLOUR))
+        for step, total in enumerate(reflected):
+            total += of_channel * np.clip(steps - step, 0.0, 1.0)
+    return reflected.T / 3
+
+
+class Look(NamedTuple):
+    """What tables make of a level's voxels, at density | strength << 8, colours as means of three."""
+
+    opacity: Numbers  # (65536,)
+    emitted: Numbers  # (65536,)
+    reflected: Numbers  # (65536, 4), see reflected_in_steps
+
+    def in_layers(self) -> Looks:
+        """Of a depth that is still to be set."""
+        return np.column_stack((np.zeros((len(self.opacity), 2)), self.emitted, self.reflected))
 
 
 class SeenLevel:
@@ -68,13 +95,13 @@ class SeenLevel:
             for look, thickness in zip((finer, coarser), columns.thickness, strict=True)
         ]
         self._sides: dict[tuple[int, bool], Seen] = {}
+        tables = [look.in_layers() for look in (finer, coarser)]
         for axis in range(3):
-            looks = [
-                np.stack((layer * level.spacing[axis] / level.reference_spacing, look.emitted, look.reflected), axis=1)
-                for layer, look, level in zip(layers, (finer, coarser), columns.levels, strict=True)
-            ]
+            for table, layer, level in zip(tables, layers, columns.levels, strict=True):
+                table[:, 0] = layer * (level.spacing[axis] / level.reference_spacing)
+                np.exp(-table[:, 0], out=table[:, 1])
             for from_high in (False, True):
-                self._sides[axis, from_high] = columns.seen(axis, from_high, looks[0], looks[1])
+                self._sides[axis, from_high] = columns.seen(axis, from_high, *tables)
 
     def emission(self, eye: Vector | None) -> float:
         """What multiplies what the level emits to `eye`, which is towards the viewer, along i, j, k; with None on the
@@ -82,32 +109,49 @@ class SeenLevel:
 
         From both ends of each axis: whether layers are seen edge on is the same from both, and chance is halved.
         """
-        weights = [1.0 if eye is None else abs(eye[axis]) for axis in range(3)]
+        weights = [area * (1.0 if eye is None else abs(eye[axis])) for axis, area in enumerate(self._areas)]
         seen = [
-            (weights[axis] * self._areas[axis], self._sides[axis, from_high].emitted)
+            [weights[axis] * emitted for emitted in self._sides[axis, from_high].emitted]
             for axis in range(3)
             for from_high in (False, True)
         ]
-        return _compared((area * finer, area * coarser) for area, (finer, coarser) in seen)
+        of_finer, of_coarser = zip(*seen, strict=True)
+        return factor(math.fsum(of_finer), math.fsum(of_coarser))
 
     def light(self, eye: Vector, finer: Light, coarser: Light) -> float:
         """What multiplies the light on the level; `finer` is that on the level before, by direction codes of its own.
 
         `eye` is as above.
         """
-        seen = [
-            (abs(along) * self._areas[axis], self._sides[axis, along > 0.0].reflected) for axis, along in enumerate(eye)
-        ]
-        return _compared(
-            (area * float((of_finer * finer).sum()), area * float((of_coarser * coarser).sum()))
-            for area, (of_finer, of_coarser) in seen
+        sides = [(abs(along) * self._areas[axis], self._sides[axis, along > 0.0]) for axis, along in enumerate(eye)]
+        of_finer, of_coarser = (
+            Lit([(area, seen.reflected[which]) for area, seen in sides if area], light)
+            for which, light in enumerate((finer, coarser))
         )
+        return of_coarser.factor(of_finer.amount(1.0))
 
 
-def _compared(sums: Iterable[tuple[float, float]]) -> float:
-    """Of what is seen of the finer and of the coarser level from each side."""
-    of_finer, of_coarser = zip(*sums, strict=True)
-    return factor(math.fsum(of_finer), math.fsum(of_coarser))
+class Lit:
+    """What is reflected of a light."""
+
+    def __init__(self, sides: Iterable[tuple[float, Reflected]], light: Light) -> None:
+        """`sides` are their areas, and what is seen from them."""
+        areas, seen = zip(*sides, strict=True)
+        self._light = np.concatenate([light[side.codes] for side in seen])
+        self._reflected = np.concatenate([area * side.by_step for area, side in zip(areas, seen, strict=True)], axis=1)
+
+    def amount(self, factor: float) -> float:
+        """With the light multiplied by `factor`."""
+        steps = self._light * factor - LIGHT_STEP * np.arange(LIGHT_STEPS)[:, None]
+        return float((self._reflected * np.clip(steps, 0.0, LIGHT_STEP)).sum())
+
+    def factor(self, amount: float) -> float:
+        """What multiplies the light so that as much is reflected; 1 where there is nothing."""
+        if amount <= 0.0 or self.amount(1.0) <= 0.0:
+            return 1.0
+        tried = range(round(LEAST_FACTOR * ROUNDED_TO), round(GREATEST_FACTOR * ROUNDED_TO) + 1)
+        below = bisect_left(tried, amount * LEAST_SHARE, key=lambda n: self.amount((n - 0.5) / ROUNDED_TO))
+        return tried[max(below - 1, 0)] / ROUNDED_TO
 
 
 def factor(finer: float, coarser: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, eye_along_axes
+from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, eye_along_axes, reflected_in_steps
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.protocol.description.patches import PLANE_ENTRIES, Patches, colourless
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
@@ -100,10 +100,14 @@ class ColourRule(NamedTuple):
     opacity: OpacityRule
 
     @property
+    def by_packet(self) -> bool:
+        """Whether density and strength alone decide; by patches they do."""
+        return {self.emit_field, self.refl_field} <= set(PACKET_SCALARS)
+
+    @property
     def is_mixed(self) -> bool:
         """Whether a voxel's colours are the means of those that it stands for, by their opacity."""
-        fields = {self.emit_field, self.refl_field}
-        return self.opacity.is_mixed and fields <= set(PACKET_SCALARS)
+        return self.opacity.is_mixed and self.by_packet
 
 
 class FrameColours(NamedTuple):
@@ -203,7 +207,8 @@ def _of_finer(rule: ColourRule) -> ColourRule:
 def _look(rule: ColourRule) -> Look:
     opacity = mixed_opacity(rule.opacity) if rule.opacity.is_mixed else _own_opacity(rule.opacity)
     emit, refl = _mean_colours(rule) if rule.is_mixed else _own_colours(rule)
-    return Look(opacity, emit.mean(axis=1), refl.mean(axis=1))
+    room = 1.0 - emit if rule.by_packet else np.full_like(emit, np.inf)  # nothing is cut off of what is not known
+    return Look(opacity, emit.mean(axis=1), reflected_in_steps(refl, room))
 
 
 def _emission(rule: ColourRule, eye: Vector | None) -> float:
@@ -241,8 +246,9 @@ def _light_factor(rule: ColourRule, lighting: Lighting, geometry: Geometry, own_
         return 1.0
     finer = _of_finer(rule)
     codes = own_codes if finer.opacity.mixture is None else "rough"
-    lights = (np.asarray(light_of_directions(lighting, code)).astype(np.float64) for code in (codes, "rough"))
-    return seen.light(_eye(lighting, geometry), *lights) * _light_factor(finer, lighting, geometry, own_codes)
+    before = _light_factor(finer, lighting, geometry, own_codes)
+    lights = (before * np.asarray(light_of_directions(lighting, code)).astype(np.float64) for code in (codes, "rough"))
+    return before * seen.light(_eye(lighting, geometry), *lights)
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:

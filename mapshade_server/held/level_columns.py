@@ -15,7 +15,7 @@ from volsplat.mapshade_server import _kernels
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.levels import factors_of, thickness_of
 
-COLUMN_VOXELS = 1 << 16  # of a level, some more where columns are long
+COLUMN_VOXELS = 1 << 18  # of a level, some more where columns are long
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
 BEYOND = np.uint32(0xFFFFFFFF)  # in the place of a voxel beyond the volume, or a second one if an axis is whole
 
@@ -24,7 +24,7 @@ GOLDEN_BITS = 16
 
 Rows = NDArray[np.uint32]  # (n, ROW), column by column from the lower end, those along i first, then j, then k
 Places = NDArray[np.int64]
-Looks = NDArray[np.float64]  # (65536, 3): a layer's optical depth, what it emits and reflects; see seen_in_columns
+Looks = NDArray[np.float64]  # (65536, 7), see seen_in_columns
 
 
 class Columns(NamedTuple):
@@ -44,11 +44,24 @@ class Columns(NamedTuple):
         return self.begin + self.number * self.depth
 
 
+class Reflected(NamedTuple):
+    """What multiplies the light on some directions."""
+
+    codes: NDArray[np.int64]  # of the directions
+    by_step: NDArray[np.float64]  # of the light, for each code: (4, n)
+
+    @classmethod
+    def of_all(cls, by_code: NDArray[np.float64]) -> "Reflected":
+        """Of what is known of every code, (32768, 4), what is not nothing; there is no step without the first."""
+        codes = np.flatnonzero(by_code[:, 0])
+        return cls(codes, by_code[codes].T.copy())
+
+
 class Seen(NamedTuple):
     """From one end of the columns along an axis, for as much of the level as there are columns."""
 
     emitted: tuple[float, float]  # by the finer level's voxels, and by the level's own
-    reflected: tuple[NDArray[np.float64], NDArray[np.float64]]  # likewise, by direction code: what multiplies the light
+    reflected: tuple[Reflected, Reflected]  # likewise
 
 
 @lru_cache(maxsize=64)
@@ -76,39 +89,45 @@ def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Pl
     """
     places, rows = [], []
     for columns in columns_of(dims):
-        inside, index = _voxels_within(columns, coarser.shape, low)
-        depths = np.arange(coarser.shape[2 - columns.axis], dtype=np.int64) + low[columns.axis]
-        places.append((columns.begin + inside[:, None] * columns.depth + depths).reshape(-1))
-        rows.append(_rows(finer, coarser, index))
+        inside, aside = _within(columns, coarser.shape, low)
+        depth = coarser.shape[2 - columns.axis]
+        first = columns.begin + inside * columns.depth + low[columns.axis]
+        places.append((first[:, None] + np.arange(depth)).reshape(-1))
+        rows.append(_rows(finer, coarser, columns.axis, aside).reshape(-1, ROW))
     return np.concatenate(places), np.concatenate(rows)
 
 
-def _voxels_within(columns: Columns, shape: tuple[int, ...], low: Index) -> tuple[Places, tuple[Places, ...]]:
-    """Which columns pass through a box, and the indices k, j, i of their voxels there."""
+def _within(columns: Columns, shape: tuple[int, ...], low: Index) -> tuple[Places, list[Places]]:
+    """Which columns pass through a box, and where they are on its two other axes."""
     others = [axis for axis in range(3) if axis != columns.axis]
     aside = [places - low[axis] for places, axis in zip(columns.aside, others, strict=True)]
     hit = [(0 <= places) & (places < shape[2 - axis]) for places, axis in zip(aside, others, strict=True)]
     inside = np.flatnonzero(hit[0] & hit[1])
-    depth = shape[2 - columns.axis]
-    along: dict[int, Places] = {columns.axis: np.tile(np.arange(depth, dtype=np.int64), len(inside))}
-    for places, axis in zip(aside, others, strict=True):
-        along[axis] = np.repeat(places[inside], depth)
-    return inside, (along[2], along[1], along[0])
+    return inside, [places[inside] for places in aside]
 
 
-def _rows(finer: Rows, coarser: Rows, index: tuple[Places, ...]) -> Rows:
-    rows = np.full((len(index[0]), ROW), BEYOND, np.uint32)
-    rows[:, 0] = coarser[index]
-    factors = [1 if fine == coarse else 2 for fine, coarse in zip(finer.shape, coarser.shape, strict=True)]
+def _rows(finer: Rows, coarser: Rows, axis: int, aside: list[Places]) -> Rows:
+    """Those of whole columns through a box: (columns, depth, ROW)."""
+    rows = np.full((len(aside[0]), coarser.shape[2 - axis], ROW), BEYOND, np.uint32)
+    rows[..., 0] = _columns(coarser, axis, aside)
+    factors = [1 if fine == coarse else 2 for fine, coarse in zip(finer.shape[::-1], coarser.shape[::-1], strict=True)]
     for child in range(8):
-        asides = [child >> axis & 1 for axis in (2, 1, 0)]
-        if any(aside >= factor for aside, factor in zip(asides, factors, strict=True)):
+        sides = [child >> along & 1 for along in range(3)]
+        if any(side >= factor for side, factor in zip(sides, factors, strict=True)):
             continue
-        at = [factor * n + aside for n, factor, aside in zip(index, factors, asides, strict=True)]
-        there = np.logical_and.reduce([n < size for n, size in zip(at, finer.shape, strict=True)])
-        k, j, i = (n[there] for n in at)
-        rows[there, 1 + child] = finer[k, j, i]
+        i, j, k = (slice(side, None, factor) for side, factor in zip(sides, factors, strict=True))
+        voxels = finer[k, j, i]  # one fewer at an odd end
+        others = [size for along, size in enumerate(voxels.shape[::-1]) if along != axis]
+        there = np.logical_and(*(places < size for places, size in zip(aside, others, strict=True)))
+        children = _columns(voxels, axis, [places[there] for places in aside])
+        rows[there, : children.shape[1], 1 + child] = children
     return rows
+
+
+def _columns(voxels: Rows, axis: int, aside: list[Places]) -> Rows:
+    """The voxels (k, j, i) of columns along an axis: (columns, depth)."""
+    first, second = aside
+    return np.moveaxis(voxels, 2 - axis, 2)[second, first]
 
 
 class LevelColumns:
@@ -137,7 +156,8 @@ class LevelColumns:
         layers = self._factors[axis]
         places = math.prod(self._factors) // layers
         rows = self._rows[columns.begin : columns.end].data
-        of_finer, of_coarser, *reflected = _kernels.seen_in_columns(
+        *emitted, of_finer, of_coarser = _kernels.seen_in_columns(
             rows, columns.depth, axis, from_high, layers, places, finer.data, coarser.data
         )
-        return Seen((of_finer, of_coarser), (np.asarray(reflected[0]), np.asarray(reflected[1])))
+        reflected = (Reflected.of_all(np.asarray(of_finer)), Reflected.of_all(np.asarray(of_coarser)))
+        return Seen((emitted[0], emitted[1]), reflected)

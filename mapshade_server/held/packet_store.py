@@ -59,7 +59,7 @@ Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 7
+FORMAT = 8
 BRICKS = "bricks"
 MIXTURES = "mixtures"
 COLUMNS = "columns"

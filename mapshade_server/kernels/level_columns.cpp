@@ -1,5 +1,6 @@
 #include "level_columns.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "kernels/constants.h"
@@ -11,82 +12,118 @@ namespace {
 
 constexpr double kApart = 0.25;         // of the finer light is that of columns for themselves
 constexpr double kHidden = 1.0 / 1024;  // as little as freezes a pixel
+constexpr int kPlaces = 4;              // of a layer of eight voxels
 
-// A table of three numbers to an entry.
-class Look {
-public:
-    explicit Look(const double* table) : table_(table) {}
+const VoxelLook kNothing{0.0, 1.0, 0.0, {}};
 
-    const double* entry(std::uint32_t packet) const { return table_ + 3 * (packet & (kPlaneEntries - 1)); }
-
-private:
-    const double* table_;
-};
-
-// One column, seen from its end.
+// A table of what voxels look like, and the light that is seen of them.
 class Sight {
 public:
-    Sight(SeenLight& light, Look look, double share) : light_(light), look_(look), share_(share) {}
+    Sight(const VoxelLook* table, SeenLight& light) : table_(table), light_(light) {
+        light_.reflected.resize(kLightSteps * kDirectionCodes);
+    }
+
+    const VoxelLook& of(std::uint32_t packet) const {
+        return packet >> kNoDataBit == 0 ? table_[packet & (kPlaneEntries - 1)] : kNothing;
+    }
+
+    // So much of a voxel.
+    void add(std::uint32_t packet, const VoxelLook& look, double part) {
+        light_.emitted += part * look.emitted;
+        double* const reflected =
+            light_.reflected.data() + kLightSteps * (packet >> kDirectionShift & (kDirectionCodes - 1));
+        for (int step = 0; step < kLightSteps; ++step) reflected[step] += part * look.reflected[step];
+    }
+
+private:
+    const VoxelLook* table_;
+    SeenLight& light_;
+};
+
+// What is left of the light behind the coarser level's voxels of a column.
+class CoarserColumn {
+public:
+    CoarserColumn(Sight& sight, int children) : sight_(sight), children_(children) {}
 
     void begin() { through_ = 1.0; }
     double through() const { return through_; }
 
-    // A layer of as many places, of which some have these packets.
-    void layer(const std::uint32_t* const* packets, int count, double places) {
-        double depth = 0.0;
-        for (int n = 0; n < count; ++n) depth += look_.entry(*packets[n])[0];
+    void row(const std::uint32_t* row) {
+        const VoxelLook& look = sight_.of(*row);
+        if (look.depth == 0.0) return;
+        int there = 0;
+        for (int child = 1; child < ColumnView::kRow; ++child) there += row[child] != ColumnView::kBeyond;
+        if (there == 0) return;
+        const bool whole = there == children_;
+        const double left = through_ * (whole ? look.through : std::exp(-look.depth * there / children_));
+        sight_.add(*row, look, through_ - left);
+        through_ = left;
+    }
+
+private:
+    Sight& sight_;
+    int children_;
+    double through_ = 1.0;
+};
+
+// Likewise behind the layers of those that they stand for, and behind each column of these for itself.
+class FinerColumn {
+public:
+    FinerColumn(Sight& sight, int places) : sight_(sight), places_(places) {}
+
+    void begin() {
+        through_ = 1.0;
+        std::fill_n(apart_, kPlaces, 1.0);
+    }
+    double through() const { return through_; }
+
+    // A layer of these packets.
+    void layer(const std::uint32_t (&packets)[kPlaces]) {
+        const VoxelLook* looks[kPlaces];
+        double depth = 0.0, through = 1.0;
+        for (int n = 0; n < kPlaces; ++n) {
+            looks[n] = &sight_.of(packets[n]);
+            depth += looks[n]->depth;
+            through *= looks[n]->through;
+        }
         if (depth == 0.0) return;
-        const double left = through_ * std::exp(-depth / places), seen = share_ * (through_ - left) / depth;
-        for (int n = 0; n < count; ++n) {
-            const double* const entry = look_.entry(*packets[n]);
-            const double part = seen * entry[0];
-            light_.emitted += part * entry[1];
-            light_.reflected[*packets[n] >> kDirectionShift & (kDirectionCodes - 1)] += part * entry[2];
+        for (int n = places_; n > 1; n /= 2) through = std::sqrt(through);
+        const double left = through_ * through, seen = (1.0 - kApart) * (through_ - left) / depth;
+        for (int n = 0; n < kPlaces; ++n) {
+            if (looks[n]->depth == 0.0) continue;
+            const double apart = apart_[n] * looks[n]->through;
+            sight_.add(packets[n], *looks[n], seen * looks[n]->depth + kApart / places_ * (apart_[n] - apart));
+            apart_[n] = apart;
         }
         through_ = left;
     }
 
 private:
-    SeenLight& light_;
-    Look look_;
-    double share_;
-    double through_ = 1.0;
+    Sight& sight_;
+    int places_;
+    double through_ = 1.0, apart_[kPlaces];
 };
-
-bool has_data(std::uint32_t packet) { return packet >> kNoDataBit == 0; }
 
 }  // namespace
 
-SeenOfLevels seen_in_columns(const ColumnView& view, const double* finer, const double* coarser) {
+SeenOfLevels seen_in_columns(const ColumnView& view, const VoxelLook* finer, const VoxelLook* coarser) {
     SeenOfLevels seen;
-    for (SeenLight* light : {&seen.finer, &seen.coarser}) light->reflected.resize(kDirectionCodes);
-    Sight fine(seen.finer, Look(finer), 1.0 - kApart), coarse(seen.coarser, Look(coarser), 1.0);
-    std::vector<Sight> apart(4, Sight(seen.finer, Look(finer), kApart / view.places));
-    const double children = view.layers * view.places;
-    const std::uint32_t* packets[8];
+    Sight fine_sight(finer, seen.finer), coarse_sight(coarser, seen.coarser);
+    FinerColumn fine(fine_sight, view.places);
+    CoarserColumn coarse(coarse_sight, view.layers * view.places);
     for (std::size_t column = 0; column < view.columns; ++column) {
         fine.begin();
-        for (Sight& sight : apart) sight.begin();
         coarse.begin();
         for (std::size_t n = 0; n < view.depth && (fine.through() > kHidden || coarse.through() > kHidden); ++n) {
             const std::size_t at = view.from_high ? view.depth - 1 - n : n;
             const std::uint32_t* const row = view.rows + (column * view.depth + at) * ColumnView::kRow;
-            int there = 0;
-            for (int child = 1; child < ColumnView::kRow; ++child) there += row[child] != ColumnView::kBeyond;
-            packets[0] = row;
-            if (has_data(*row) && there > 0) coarse.layer(packets, 1, children / there);
+            coarse.row(row);
             for (int layer = 0; layer < 2; ++layer) {
                 const int side = view.from_high ? 1 - layer : layer;
-                int count = 0, place = 0;
-                for (int child = 0; child < 8; ++child) {
-                    if ((child >> view.axis & 1) != side) continue;
-                    Sight& sight = apart[place++];
-                    if (!has_data(row[child + 1])) continue;
-                    packets[count] = row + child + 1;
-                    sight.layer(packets + count, 1, 1.0);
-                    ++count;
-                }
-                fine.layer(packets, count, view.places);
+                std::uint32_t packets[kPlaces];
+                for (int child = 0, place = 0; child < 8; ++child)
+                    if ((child >> view.axis & 1) == side) packets[place++] = row[child + 1];
+                fine.layer(packets);
             }
         }
     }

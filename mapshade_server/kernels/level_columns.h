@@ -21,9 +21,19 @@ struct ColumnView {
     int places;
 };
 
+constexpr int kLightSteps = 4;  // see level_light
+
+// What an entry of a table over density | strength << 8 says of a voxel: the optical depth of a layer of such voxels,
+// how much light that lets through, what they emit, and what they reflect of each step of the light.
+struct VoxelLook {
+    double depth, through, emitted, reflected[kLightSteps];
+};
+constexpr int kLookNumbers = 3 + kLightSteps;
+static_assert(sizeof(VoxelLook) == kLookNumbers * sizeof(double));
+
 struct SeenLight {
     double emitted = 0.0;
-    std::vector<double> reflected;  // by direction code
+    std::vector<double> reflected;  // kLightSteps to a direction code
 };
 
 struct SeenOfLevels {
@@ -32,9 +42,7 @@ struct SeenOfLevels {
 
 // The finer light is that of layers, whose places are seen as one, and partly that of columns of single voxels:
 // footprints blur a level's means less far beyond their rims than layers alone would say.
-//
-// Tables over density | strength << 8 have three numbers to an entry: the optical depth of a layer of such voxels, what
-// they emit, and what they reflect of the light. Sums are taken in one order.
-SeenOfLevels seen_in_columns(const ColumnView& columns, const double* finer, const double* coarser);
+// Sums are taken in one order.
+SeenOfLevels seen_in_columns(const ColumnView& columns, const VoxelLook* finer, const VoxelLook* coarser);
 
 }  // namespace volsplat

@@ -9,6 +9,7 @@ import pytest
 import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from torch import Tensor
 
 from reference import level_columns
@@ -16,13 +17,26 @@ from support.scenes.arbitrary import geometries
 from support.scenes.level_packets import FACTORS, SIZES, as_packets, drawn_packets, halves
 from support.thoroughness import examples
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, depths, eye_along_axes, factor
+from volsplat.mapshade_server.frames.level_light import (
+    GREATEST_FACTOR,
+    LEAST_FACTOR,
+    LIGHT_STEP,
+    LIGHT_STEPS,
+    ROUNDED_TO,
+    Look,
+    SeenLevel,
+    depths,
+    eye_along_axes,
+    factor,
+    reflected_in_steps,
+)
 from volsplat.mapshade_server.held.level_columns import COLUMN_VOXELS, LevelColumns, columns_of, rows_within
 from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 
 EXACT = 1e-9
+HALF_A_STEP = 0.51 / ROUNDED_TO  # half a step of what multiplies a level's light
 ALONG_I, ALONG_J, ALONG_K = range(3)
 
 
@@ -52,6 +66,11 @@ def test_rows_are_those_of_the_reference(dims: tuple[int, ...], factors: tuple[i
             assert torch.equal(torch.from_numpy(rows[begin : begin + columns.depth].astype(np.int64)), expected)
 
 
+def with_what_is_let_through(table: Tensor) -> NDArray[np.float64]:
+    """A table of the reference as kernels take it."""
+    return np.insert(table.numpy(), 1, np.exp(-table[:, 0].numpy()), axis=1)
+
+
 @given(seed=st.integers(0, 1000), axis=st.integers(0, 2), from_high=st.booleans(), factors=FACTORS)
 @example(seed=1, axis=2, from_high=True, factors=(2, 2, 1))
 def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high: bool, factors: Index) -> None:
@@ -61,7 +80,7 @@ def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high
     for child in range(8):
         if any((child >> along & 1) >= factor for along, factor in enumerate(factors)):
             rows[:, 1 + child] = level_columns.BEYOND
-    finer, coarser = torch.rand((2, 65536, 3), dtype=torch.float64, generator=random)
+    finer, coarser = torch.rand((2, 65536, 6), dtype=torch.float64, generator=random)
     finer[::2, 0] = 0.0
     expected = level_columns.seen(rows, axis, from_high, finer, coarser, factors)
     got = _kernels.seen_in_columns(
@@ -71,8 +90,8 @@ def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high
         from_high,
         factors[axis],
         math.prod(factors) // factors[axis],
-        finer.numpy().data,
-        coarser.numpy().data,
+        with_what_is_let_through(finer).data,
+        with_what_is_let_through(coarser).data,
     )
     assert got[:2] == pytest.approx(expected[:2], rel=EXACT)
     for ours, theirs in zip(got[2:], expected[2:], strict=True):
@@ -98,8 +117,8 @@ def level_of_one_kind(finer_packet: int, coarser_packet: int) -> LevelColumns:
 @pytest.mark.parametrize("eye", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (-0.48, 0.64, 0.6)])
 def test_what_is_emitted_and_reflected_is_made_up_for_apart(eye: matrices.Vector) -> None:
     columns = level_of_one_kind(5 << 16, 7 << 16)
-    opacity = np.full(65536, 0.001)
-    finer, coarser = (Look(opacity, np.full(65536, emitted), np.full(65536, 0.5)) for emitted in (0.6, 0.5))
+    opacity, reflected = np.full(65536, 0.001), np.full((65536, LIGHT_STEPS), 0.5)
+    finer, coarser = (Look(opacity, np.full(65536, emitted), reflected) for emitted in (0.6, 0.5))
     seen = SeenLevel(columns, finer, coarser)
     assert seen.emission(eye) == seen.emission(None) == pytest.approx(1.2, abs=0.002)
     light, other_light = np.zeros((2, 32768))
@@ -113,12 +132,25 @@ class AnyLevel(NamedTuple):
     looks: list[Look]  # of the volume and of the level
     dims: Index
 
+    def by_reference(self, axis: int, from_high: bool) -> tuple[float, float, Tensor, Tensor]:
+        """Emitted and reflected, as the reference sees all columns along an axis."""
+        tables = [
+            torch.from_numpy(np.column_stack((depths(look.opacity, thickness, thickness**2 / 4), *look[1:])))
+            for look, thickness in zip(self.looks, (1.0, 2.0), strict=True)
+        ]
+        columns = columns_of(self.dims)[axis]
+        rows = self.rows[columns.begin : columns.end].reshape(columns.number, columns.depth, -1)
+        seen = [level_columns.seen(column, axis, from_high, tables[0], tables[1]) for column in rows]
+        of_finer, of_coarser, *reflected = zip(*seen, strict=True)
+        return math.fsum(of_finer), math.fsum(of_coarser), sum(reflected[0]), sum(reflected[1])
+
 
 def any_level(seed: int) -> AnyLevel:
     volume, random = Geometry((4, 4, 4)), torch.Generator().manual_seed(seed)
     level = halved_geometry(volume)
     rows = drawn_packets((columns_of(level.dims)[-1].end, 9), seed)
-    looks = [Look(*torch.rand((3, 65536), dtype=torch.float64, generator=random).numpy()) for _ in range(2)]
+    numbers = [torch.rand((65536, 6), dtype=torch.float64, generator=random).numpy() for _ in range(2)]
+    looks = [Look(table[:, 0], table[:, 1], table[:, 2:]) for table in numbers]
     seen = SeenLevel(LevelColumns(volume, volume, level, as_packets(rows)), looks[0], looks[1])
     return AnyLevel(seen, rows, looks, level.dims)
 
@@ -128,20 +160,58 @@ def any_level(seed: int) -> AnyLevel:
 def test_along_each_axis_a_level_emits_what_the_reference_sees_of_the_one_before(
     seed: int, axis: int, along: float
 ) -> None:
-    seen, rows, looks, dims = any_level(seed)
-    tables = [
-        torch.from_numpy(np.stack((depths(look.opacity, thickness, thickness**2 / 4), *look[1:]), axis=1))
-        for look, thickness in zip(looks, (1.0, 2.0), strict=True)
-    ]
-    columns = columns_of(dims)[axis]
-    sums = [
-        level_columns.seen(column, axis, from_high, tables[0], tables[1])[:2]
-        for column in rows[columns.begin : columns.end].reshape(columns.number, columns.depth, -1)
-        for from_high in (False, True)
-    ]
-    finer, coarser = (math.fsum(each) for each in zip(*sums, strict=True))
+    level = any_level(seed)
+    ends = [level.by_reference(axis, from_high)[:2] for from_high in (False, True)]
+    finer, coarser = (math.fsum(each) for each in zip(*ends, strict=True))
     i, j, k = (along * (n == axis) for n in range(3))
-    assert seen.emission((i, j, k)) == factor(finer, coarser)
+    assert level.seen.emission((i, j, k)) == factor(finer, coarser)
+
+
+@settings(max_examples=examples(20))
+@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), along=st.sampled_from([1.0, -1.0]))
+def test_along_each_axis_a_level_reflects_what_the_reference_sees_of_the_one_before(
+    seed: int, axis: int, along: float
+) -> None:
+    level, random = any_level(seed), torch.Generator().manual_seed(seed)
+    light, level_light = 0.5 + torch.rand((2, 32768), dtype=torch.float64, generator=random)
+    _, _, of_finer, of_coarser = level.by_reference(axis, along > 0.0)
+    light *= level_columns.lit(of_coarser, level_light) / level_columns.lit(of_finer, light)
+    expected = level_columns.lit(of_finer, light)
+    i, j, k = (along * (n == axis) for n in range(3))
+    found = level.seen.light((i, j, k), light.numpy(), level_light.numpy())
+    less, more = (
+        level_columns.lit(of_coarser, factor * level_light) for factor in (found - HALF_A_STEP, found + HALF_A_STEP)
+    )
+    assert less < expected or found == LEAST_FACTOR
+    assert expected < more or found == GREATEST_FACTOR
+
+
+def test_a_light_that_voxels_have_no_room_for_counts_as_much_as_they_have() -> None:
+    columns = level_of_one_kind(5 << 16, 7 << 16)
+    bright, dim = np.full((2, 32768), [[0.8], [0.9]])
+    for room, seen_of_bright in ((0.5, 0.5), (2.0, 0.8)):
+        finer, coarser = (
+            Look(
+                np.full(65536, 0.001),
+                np.zeros(65536),
+                reflected_in_steps(*np.full((2, 65536, 3), [[[refl]], [[room]]])),
+            )
+            for refl, room in ((1.0, room), (0.5, 2.0))
+        )
+        expected = seen_of_bright / (0.5 * 0.9)
+        found = SeenLevel(columns, finer, coarser).light((0.0, 0.0, 1.0), bright, dim)
+        assert found == pytest.approx(min(expected, GREATEST_FACTOR), abs=2 * HALF_A_STEP)
+
+
+@given(refl=st.floats(0.0, 1.0), emitted=st.floats(0.0, 1.0), light=st.integers(0, 4))
+def test_by_whole_steps_of_light_voxels_reflect_what_they_have_room_for(
+    refl: float, emitted: float, light: int
+) -> None:
+    steps = reflected_in_steps(np.full((1, 3), refl), np.full((1, 3), 1.0 - emitted))
+    whole = [LIGHT_STEP * float(steps[0, :n].sum()) for n in range(LIGHT_STEPS + 1)]
+    assert whole == sorted(whole)
+    assert whole[light] <= min(refl * light * LIGHT_STEP, 1.0 - emitted) + EXACT
+    assert whole[-1] == pytest.approx(min(refl * LIGHT_STEPS * LIGHT_STEP, 1.0 - emitted), abs=EXACT)
 
 
 @settings(max_examples=examples(20))

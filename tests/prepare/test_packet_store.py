@@ -168,7 +168,7 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 5, this version reads format 7; prepare the volume again"):
+    with pytest.raises(BadInput, match="of format 5, this version reads format 8; prepare the volume again"):
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
@@ -227,12 +227,12 @@ def read_whole(place: str) -> list[object]:
     table = np.arange(65536.0)[:, None]
     mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]
     seen = [
-        mixture.columns.seen(axis, True, *(np.full((65536, 3), 0.1),) * 2)
+        mixture.columns.seen(axis, True, *(np.full((65536, 7), 0.1),) * 2)
         for n in range(len(levels))
         if (mixture := store.mixture(n)) and mixture.columns
         for axis in range(3)
     ]
-    columns = [(*one.emitted, *(part.tobytes() for part in one.reflected)) for one in seen]
+    columns = [(*one.emitted, *(part.tobytes() for reflected in one.reflected for part in reflected)) for one in seen]
     known = [store.description, store.quantisation, store.density_counts, store.strength_counts]
     return [*known, *levels, *mixtures, *columns]
 

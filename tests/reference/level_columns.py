@@ -12,6 +12,7 @@ from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 BEYOND = (1 << 32) - 1
 CODES = 1 << 15
 APART = 0.25
+STEPS, STEP = 4, 0.5  # of the light
 
 
 def rows(finer: Tensor, coarser: Tensor, axis: int, column: int, row: int) -> Tensor:
@@ -36,14 +37,15 @@ def rows(finer: Tensor, coarser: Tensor, axis: int, column: int, row: int) -> Te
 def seen(
     column: Tensor, axis: int, from_high: bool, finer: Tensor, coarser: Tensor, sides: tuple[int, int, int] = (2, 2, 2)
 ) -> tuple[float, float, Tensor, Tensor]:
-    """Emitted by the finer and the coarser voxels of one column, and reflected by direction code.
+    """Emitted by the finer and the coarser voxels of one column, and reflected by direction code and step of the light.
 
-    A coarser voxel stands for so many finer ones along i, j, k.
+    Tables have a layer's depth, what is emitted, and what is reflected of each step. A coarser voxel stands for so many
+    finer ones along i, j, k.
     """
     places = math.prod(sides) // sides[axis]
     emitted, through = [0.0, 0.0], [1.0] * 6
     shares = [1 - APART, 1.0, *[APART / places] * 4]  # of finer layers, the coarser voxels, up to four finer columns
-    reflected = [torch.zeros(CODES, dtype=torch.float64) for _ in range(2)]
+    reflected = [torch.zeros((CODES, STEPS), dtype=torch.float64) for _ in range(2)]
 
     def layer(which: int, packets: list[int], table: Tensor, places: float) -> None:
         packets = [packet for packet in packets if packet >> NO_DATA_BIT == 0]
@@ -52,10 +54,10 @@ def seen(
             return
         stopped = through[which] * -math.expm1(-total / places)
         for packet in packets:
-            depth, emit, refl = table[packet & 65535].tolist()
+            depth, emit = table[packet & 65535, :2].tolist()
             part, level = shares[which] * stopped * depth / total, int(which == 1)
             emitted[level] += part * emit
-            reflected[level][packet >> DIRECTION_SHIFT & CODES - 1] += part * refl
+            reflected[level][packet >> DIRECTION_SHIFT & CODES - 1] += part * table[packet & 65535, 2:]
         through[which] -= stopped
 
     for told in column.flip(0).tolist() if from_high else column.tolist():
@@ -69,3 +71,8 @@ def seen(
             for n, packet in enumerate(packets):
                 layer(2 + n, [packet], finer, 1.0)
     return emitted[0], emitted[1], reflected[0], reflected[1]
+
+
+def lit(reflected: Tensor, light: Tensor) -> float:
+    """What is reflected by steps (codes, 4) of a light on each code."""
+    return float(sum((reflected[:, n] * (light - n * STEP).clamp(0, STEP)).sum() for n in range(STEPS)))

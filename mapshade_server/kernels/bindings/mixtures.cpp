@@ -63,9 +63,11 @@ void check_columns(const Rows& rows, std::size_t depth, const Table& finer, cons
         throw std::invalid_argument("columns have rows of 9 packets, as many each");
     for (const Table* table : {&finer, &coarser}) {
         check_rows(*table, kPlaneEntries);
-        if (table->shape(1) != 3) throw std::invalid_argument("what columns look like takes three numbers");
+        if (table->shape(1) != kLookNumbers) throw std::invalid_argument("what voxels look like takes seven numbers");
     }
 }
+
+const VoxelLook* looks_of(const Table& table) { return reinterpret_cast<const VoxelLook*>(table.data()); }
 
 nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis, bool from_high, int layers, int places,
                                   const Table& finer, const Table& coarser) {
@@ -74,11 +76,11 @@ nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis,
     SeenOfLevels seen;
     {
         nb::gil_scoped_release unlocked;
-        seen = seen_in_columns(view, finer.data(), coarser.data());
+        seen = seen_in_columns(view, looks_of(finer), looks_of(coarser));
     }
     return nb::make_tuple(seen.finer.emitted, seen.coarser.emitted,
-                          owned_array(std::move(seen.finer.reflected), kDirectionCodes),
-                          owned_array(std::move(seen.coarser.reflected), kDirectionCodes));
+                          owned_array(std::move(seen.finer.reflected), kDirectionCodes, kLightSteps),
+                          owned_array(std::move(seen.coarser.reflected), kDirectionCodes, kLightSteps));
 }
 
 }  // namespace

@@ -1,12 +1,13 @@
 """How bright the levels of a prepared volume are, and how far pictures jump where zooming out takes the next one.
 
 Prints a table of docs/how_it_works/properties.md. Run it in tests/:
-`python -m support.scenes.level_brightness VOLUME...`.
+`python -m support.scenes.level_brightness VOLUME[:PRESET,PRESET]...`.
 """
 
 import math
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +22,12 @@ from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.levels import thickness_of
 
-SIDES = ((0.0, 0.0), (35.0, 25.0))  # azimuth and elevation
+# Azimuth and elevation.
+ALONG_AXES = ((0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (270.0, 0.0), (0.0, 90.0), (0.0, -90.0))
+OBLIQUE = (
+    *((35.0, 25.0), (35.0, -25.0), (145.0, 25.0), (215.0, -40.0)),
+    *((305.0, 40.0), (60.0, -60.0), (250.0, 15.0), (10.0, 10.0)),
+)
 JUST_ABOVE = 1.0001  # of the zoom at which a level takes over: there the finer one is drawn
 AROUND = 1.6  # of the longest side, so that nothing is cut
 
@@ -55,9 +61,11 @@ def measured(preset: str, level: int, side: tuple[float, float], plain: SinglePr
 def row(preset: str, plain: SingleProcess, levels: SingleProcess) -> str:
     cells = []
     for level in range(1, len(levels_of(levels))):
-        by_side = [measured(preset, level, side, plain, levels) for side in SIDES]
-        cells.append(", ".join(f"{bright.of_volume:.2f}" for bright in by_side))
-        cells.append(f"{max((bright.jump for bright in by_side), key=abs):+.1f}")
+        for sides in (ALONG_AXES, OBLIQUE):
+            by_side = [measured(preset, level, side, plain, levels) for side in sides]
+            least, greatest = (end(bright.of_volume for bright in by_side) for end in (min, max))
+            cells.append(f"{least:.2f} to {greatest:.2f}")
+            cells.append(f"{max((bright.jump for bright in by_side), key=abs):+.1f}")
     return " | ".join(cells)
 
 
@@ -67,7 +75,8 @@ def levels_of(renderer: SingleProcess) -> tuple[Geometry, ...]:
     return prepared.levels
 
 
-def print_rows(volume: str) -> None:
+def print_rows(volume: str, presets: Sequence[str]) -> None:
+    """Of these presets, or of those that fit if there are none."""
     with tempfile.TemporaryDirectory() as folder, SingleProcess(volume) as plain:
         store = Path(folder) / "levels.zarr"
         prepare(volume, store, Options(), Silent())
@@ -75,16 +84,19 @@ def print_rows(volume: str) -> None:
             if len(levels_of(levels)) == 1:
                 print(f"| {Path(volume).name} | has no levels beside the volume itself |")
                 return
-            for preset in PRESETS:
-                if fits(preset, plain.volume.subject()):
-                    print(f"| {Path(volume).name} | `{preset}` | {row(preset, plain, levels)} |", flush=True)
+            for preset in presets or [name for name in PRESETS if fits(name, plain.volume.subject())]:
+                print(f"| {Path(volume).name} | `{preset}` | {row(preset, plain, levels)} |", flush=True)
 
 
 def main(volumes: list[str]) -> None:
-    print("| volume | preset | level 1 | jump from 0 | level 2 | jump from 1 |")
-    print("|---|---|---|---|---|---|")
+    """Each may be followed by a colon and presets, with commas between them."""
+    print(
+        "| volume | preset | level 1, along the axes | jump from 0 | obliquely | jump | level 2, along the axes | … |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for volume in volumes:
-        print_rows(volume)
+        name, _, presets = volume.partition(":")
+        print_rows(name, presets.split(",") if presets else [])
 
 
 if __name__ == "__main__":
