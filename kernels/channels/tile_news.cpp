@@ -19,9 +19,9 @@ void TileNews::begin(std::int64_t frame, std::size_t first, std::size_t count) {
     frame_.store(frame, std::memory_order_release);
 }
 
-void TileNews::tell(const std::uint64_t* words) {
-    const std::size_t count = count_.load(std::memory_order_relaxed);
-    for (std::size_t n = 0; n < count && n < kMostWords; ++n)
+void TileNews::tell(const std::uint64_t* words, std::size_t count) {
+    if (count > kMostWords) return;
+    for (std::size_t n = 0; n < count; ++n)
         words_[n].store(__atomic_load_n(words + n, __ATOMIC_RELAXED), std::memory_order_relaxed);
 }
 

@@ -1,5 +1,6 @@
 """A frame's walkers, each in a thread of its own: the same image whatever way batches go, and an end to it."""
 
+import struct
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -20,7 +21,7 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import Image, Order, Scene, Step
 from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
@@ -165,6 +166,23 @@ def test_news_of_another_frame_are_not_heard() -> None:
         Delivery(kernels(walk_of(held, scene, plan, regions)), drawn, of_frame).run(Crew())
         finished(assembly)
         assert not heard(2) and heard(1)
+
+
+def test_no_more_words_are_told_than_the_map_has_whatever_the_memory_says() -> None:
+    """Else a splat server would read beyond its map for a map/shade server that is broken or hostile."""
+    scene, geometry, values = opaque_cube()
+    plan = frame_of(scene, geometry)
+    regions, held, of_frame = [Region(1, 0, plan.height)], held_of(geometry, values), wanted()
+    with begun(plan, regions) as assembly, channels(block_bytes=1 << 14) as through:
+        through.taker.begin(1, assembly.splat, 0, WALKERS, False)
+        begin, count = through.tile_news, tile_map_bytes(plan.width, plan.height) // 8
+        struct.pack_into("<Q", through.memory, begin + 16, 1 << 18)
+        outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
+        Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew())
+        finished(assembly)
+        words = memoryview(through.memory)[begin + 24 :][: 8 << 18].cast("Q")
+        assert any(words[:count]) and not any(words[count:])
+        words.release()
 
 
 @pytest.fixture

@@ -13,7 +13,9 @@ void TileTeller::tell() {
     std::shared_ptr<SplatFrame> frame;  // if this lets go of the last, the mutex is free by then
     const std::lock_guard lock(mutex_);
     frame = frame_.lock();
-    if (frame) memory_->tile_news().tell(frame->closed_tiles().words);
+    if (!frame) return;
+    const TileWords closed = frame->closed_tiles();
+    memory_->tile_news().tell(closed.words, closed.count);
 }
 
 }  // namespace volsplat

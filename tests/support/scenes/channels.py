@@ -47,10 +47,14 @@ class Channels:
         channel = struct.Struct("<I")
         channel.pack_into(self.memory, 0, channel.unpack_from(self.memory)[0] + 1)
 
+    @property
+    def tile_news(self) -> int:
+        """Where the news of closed tiles begin: frame, first word, count of words, and these, 8 bytes each."""
+        return LINE * (1 + len(self.ways) * (1 + BLOCKS))
+
     def scribble(self, place: int, what: bytes) -> None:
         """Anywhere but over the news of closed tiles, which the taker only writes."""
-        heads = LINE * (1 + len(self.ways) * (1 + BLOCKS))
-        blocks = len(self.ways) * BLOCKS * BLOCK_BYTES
+        heads, blocks = self.tile_news, len(self.ways) * BLOCKS * BLOCK_BYTES
         begin = place % (heads + blocks - len(what))
         begin += len(self.memory) - heads - blocks if begin >= heads else 0
         self.memory[begin : begin + len(what)] = what
