@@ -18,7 +18,8 @@ public:
     // None of so many words of a frame's map, from the first on, has a tile closed. Nothing is told of more than
     // kMostWords.
     void begin(std::int64_t frame, std::size_t first, std::size_t count);
-    // These so many are as the words are, which others may write meanwhile. What the memory says itself is not believed.
+    // These so many are as the words are, which others may write meanwhile. What the memory says itself is not
+    // believed.
     void tell(const std::uint64_t* words, std::size_t count);
 
     // For the map/shade server, any thread: adds the tiles that are closed to a map of so many words, if that is of
