@@ -1,6 +1,6 @@
 """What the compiled kernels offer. Arrays pass without copies by DLPack or the buffer protocol."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol, SupportsInt, type_check_only
 
 from volsplat.protocol.description.volume import Index
@@ -369,8 +369,15 @@ class Delivery:
         wanted: StillWanted,
     ) -> None:
         """Each walker's outlets, one for each splat server; None where that is lost already. Raises ValueError."""
-    def run(self, crew: Crew) -> None:
-        """Walk and send, once. Raises what an outlet raised, and RuntimeError if a thread cannot be started."""
+    def run(self, crew: Crew, on_failure: Callable[[], None]) -> None:
+        """Walk and send, once. Raises RuntimeError if a thread cannot be started.
+
+        `on_failure` is called as soon as an outlet or a walker fails, from its thread; others may take longer to end.
+        """
+    @property
+    def failed(self) -> bool: ...
+    def check(self) -> None:
+        """Raises what the first one failed of, if one has. Once."""
     def tally(self, walker: int) -> WalkTally: ...
     def spans(self, walker: int) -> list[tuple[float, float]]:
         """When, by `span_clock`, each of its batches was begun, and walked."""

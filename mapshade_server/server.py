@@ -313,11 +313,12 @@ class MapShadeServer:
 
     def _delivered(self, delivery: FrameDelivery) -> FrameTally:
         """Have the walkers walk, and answer meanwhile what need not wait for the frame's end."""
-        walking = self._walking.submit(delivery.run, self._crew)
+        walking = self._walking.submit(delivery.run, self._crew, self._requests.wake)
         walking.add_done_callback(lambda _: self._requests.wake())
         try:
-            while (probe := self._requests.get_during(self._goes_beside, walking.done)) is not None:
+            while probe := self._requests.get_during(self._goes_beside, lambda: walking.done() or delivery.failed):
                 self._answer(*probe)
+            delivery.check()
             return walking.result()
         except Exception:
             delivery.end()  # they may be in sends that end when the client, which hears of it, aborts the frame

@@ -27,6 +27,7 @@ public:
     void hear(std::int64_t frame, std::uint64_t* map, std::size_t words) const;
 
 private:
+    std::atomic<std::uint64_t> changes_;  // odd while it begins
     std::atomic<std::int64_t> frame_;
     std::atomic<std::uint64_t> first_, count_;
     std::atomic<std::uint64_t> words_[kMostWords];

@@ -1,7 +1,7 @@
 """One frame on its way: has the kernels' walkers send every splat server what reaches its regions, and counts it."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames.frame_tally import FrameTally, LinkTally
@@ -63,9 +63,18 @@ class FrameDelivery:
         """Have the walkers stop before their next batches."""
         self._wanted.end()
 
-    def run(self, crew: _kernels.Crew) -> FrameTally:
-        """Walk and send, to the end or until it is of no use any more."""
-        self._kernel.run(crew)
+    @property
+    def failed(self) -> bool:
+        """Whether a walker has; others may take longer to end."""
+        return self._kernel.failed
+
+    def check(self) -> None:
+        """Raises what the first one failed of, if one has. Once."""
+        self._kernel.check()
+
+    def run(self, crew: _kernels.Crew, on_failure: Callable[[], None]) -> FrameTally:
+        """Walk and send, to the end or until it is of no use any more. `on_failure` is called once it has `failed`."""
+        self._kernel.run(crew, on_failure)
         for server in self.lost:
             if (link := self._links[server]) is not None and link.channel(0) is not None:
                 log.info("frame %d: %s", self._frame, link.why_lost())

@@ -71,6 +71,10 @@ def wanted(frame: int = 1) -> StillWanted:
     return StillWanted(NewestFrame(), frame)
 
 
+def no_failure() -> None:
+    raise AssertionError("a walker has failed")
+
+
 def kernels(walk: FrameWalk) -> list[Walker]:
     return [walker.kernel for walker in walk.walkers]
 
@@ -107,7 +111,7 @@ def test_images_are_the_same_by_channels_and_by_sockets(data: st.DataObject, geo
                 for walker in range(WALKERS)
             ]
             delivery = Delivery(kernels(walk), outlets, of_frame)
-            delivery.run(Crew())
+            delivery.run(Crew(), no_failure)
             images = [finished(frame) for frame in frames]
             assert not delivery.lost(0) and not delivery.lost(1)
             assert all(way.taker.fault == "" for way in ways)
@@ -135,7 +139,7 @@ def test_what_is_hidden_by_then_is_not_sent() -> None:
             through.taker.begin(1, assembly.splat, 0, WALKERS, False)
             outlets = [[ChannelOutlet(way, 1, 0, 1, tiles, of_frame)] for way in through.ways]
             delivery = Delivery(kernels(walk), outlets, of_frame)
-            delivery.run(Crew())
+            delivery.run(Crew(), no_failure)
             image = finished(assembly)
             sent[tiles is None] = sum(delivery.tally(walker).packets for walker in range(WALKERS))
         assert image == pushed(walk_of(held, scene, plan, regions), plan, regions, 1 << 15)
@@ -158,12 +162,12 @@ def test_news_of_another_frame_are_not_heard() -> None:
                 return True
 
             outlets: Outlets = [[ChannelOutlet(way, frame, 0, 1, tiles, of_frame), Deaf(end)] for way in through.ways]
-            Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew())
+            Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew(), no_failure)
             return any(tiles.cast("B"))
 
         of_frame = wanted()
         drawn = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
-        Delivery(kernels(walk_of(held, scene, plan, regions)), drawn, of_frame).run(Crew())
+        Delivery(kernels(walk_of(held, scene, plan, regions)), drawn, of_frame).run(Crew(), no_failure)
         finished(assembly)
         assert not heard(2) and heard(1)
 
@@ -176,11 +180,11 @@ def test_no_more_words_are_told_than_the_map_has_whatever_the_memory_says() -> N
     with begun(plan, regions) as assembly, channels(block_bytes=1 << 14) as through:
         through.taker.begin(1, assembly.splat, 0, WALKERS, False)
         begin, count = through.tile_news, tile_map_bytes(plan.width, plan.height) // 8
-        struct.pack_into("<Q", through.memory, begin + 16, 1 << 18)
+        struct.pack_into("<Q", through.memory, begin + 24, 1 << 18)
         outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
-        Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew())
+        Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew(), no_failure)
         finished(assembly)
-        words = memoryview(through.memory)[begin + 24 :][: 8 << 18].cast("Q")
+        words = memoryview(through.memory)[begin + 32 :][: 8 << 18].cast("Q")
         assert any(words[:count]) and not any(words[count:])
         words.release()
 
@@ -194,7 +198,7 @@ def walk() -> FrameWalk:
 
 
 def running(delivery: Delivery) -> threading.Thread:
-    thread = threading.Thread(target=delivery.run, args=(Crew(),))
+    thread = threading.Thread(target=delivery.run, args=(Crew(), no_failure))
     thread.start()
     return thread
 
@@ -235,19 +239,19 @@ def test_a_splat_server_that_is_lost_gets_no_more_and_the_others_get_all(walk: F
 def test_a_frame_that_nobody_gets_is_over(walk: FrameWalk) -> None:
     outlets = [[Deaf(lambda: False)] for _ in walk.walkers]
     delivery = Delivery(kernels(walk), outlets, wanted())
-    delivery.run(Crew())
+    delivery.run(Crew(), no_failure)
     assert delivery.lost(0) and 1 <= sum(one.batches for (one,) in outlets) <= WALKERS
 
 
 def test_nothing_is_sent_to_who_was_lost_before(walk: FrameWalk) -> None:
     others = [Deaf() for _ in walk.walkers]
     delivery = Delivery(kernels(walk), [[None, other] for other in others], wanted())
-    delivery.run(Crew())
+    delivery.run(Crew(), no_failure)
     assert delivery.lost(0) and not delivery.lost(1)
     assert sum(delivery.tally(n).packets for n in range(WALKERS)) == 40**3
 
 
-def test_what_an_outlet_raises_ends_all_walkers_and_is_raised(walk: FrameWalk) -> None:
+def test_what_an_outlet_raises_ends_all_walkers(walk: FrameWalk) -> None:
     def fail() -> bool:
         raise OSError("no way out")
 
@@ -255,8 +259,36 @@ def test_what_an_outlet_raises_ends_all_walkers_and_is_raised(walk: FrameWalk) -
         of_frame = wanted()
         outlets: Outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame), Deaf()] for way in through.ways]
         outlets[1] = [Deaf(), Deaf(fail)]
+        delivery = Delivery(kernels(walk), outlets, of_frame)
+        delivery.run(Crew(), lambda: None)
+        assert delivery.failed and not of_frame()
         with pytest.raises(OSError, match="no way out"):
-            Delivery(kernels(walk), outlets, of_frame).run(Crew())
+            delivery.check()
+
+
+def test_a_failure_is_told_while_another_walker_still_sends(walk: FrameWalk) -> None:
+    """To a splat server, perhaps, that reads no more until it hears from the walker that has failed."""
+    told, ended = threading.Event(), threading.Event()
+
+    def fail() -> bool:
+        raise OSError("no way out")
+
+    def send() -> bool:
+        assert ended.wait(PATIENCE)
+        return True
+
+    outlets: Outlets = [[Deaf(send)], [Deaf(fail)], [Deaf(send)]]
+    delivery = Delivery(kernels(walk), outlets, wanted())
+    thread = threading.Thread(target=delivery.run, args=(Crew(), told.set))
+    thread.start()
+    try:
+        assert told.wait(PATIENCE) and delivery.failed and thread.is_alive()
+        with pytest.raises(OSError, match="no way out"):
+            delivery.check()
+    finally:
+        ended.set()
+        thread.join(PATIENCE)
+    assert not thread.is_alive()
 
 
 def test_walkers_have_outlets_alike(walk: FrameWalk) -> None:
@@ -273,5 +305,5 @@ def test_a_crew_walks_frames_of_any_number_of_walkers() -> None:
     for walkers in (1, 5, 2, 1, 8):
         walk = walk_of(held, scene, plan, regions, walkers)
         delivery = Delivery(kernels(walk), [[Deaf()] for _ in range(walkers)], wanted())
-        delivery.run(crew)
+        delivery.run(crew, no_failure)
         assert sum(delivery.tally(n).packets for n in range(walkers)) == 40**3

@@ -127,7 +127,6 @@ std::vector<std::tuple<double, double, double>> send_spans(const PythonChannelOu
 }  // namespace
 
 void bind_delivery(nb::module_& m) {
-    typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
     m.def("span_clock", [] { return seconds(Clock::now()); });
     nb::class_<NewestFrame>(m, "NewestFrame")
         .def("__init__", [](NewestFrame* self) { new (self) NewestFrame(0); })
@@ -141,7 +140,7 @@ void bind_delivery(nb::module_& m) {
     nb::class_<PythonChannelOutlet>(m, "ChannelOutlet")
         .def(nb::init<std::shared_ptr<BatchChannel>, std::int64_t, std::size_t, std::size_t, std::optional<TileMap>,
                       std::shared_ptr<StillWanted>>(),
-             "channel"_a, "frame"_a, "first"_a, "end"_a, "tiles"_a.none(), "wanted"_a)
+             "channel"_a, "frame"_a, "first"_a, "end"_a, "tiles"_a.none().noconvert(), "wanted"_a)
         .def_prop_ro("bytes", [](const PythonChannelOutlet& python) { return python.outlet->tally().bytes; })
         .def_prop_ro("seconds", [](const PythonChannelOutlet& python) { return python.outlet->tally().seconds; })
         .def_prop_ro("waiting_seconds",
@@ -157,7 +156,17 @@ void bind_delivery(nb::module_& m) {
         .def(nb::init<std::vector<nb::object>, std::vector<std::vector<nb::object>>, std::shared_ptr<StillWanted>>(),
              "walkers"_a, "outlets"_a, "wanted"_a)
         .def(
-            "run", [](PythonDelivery& python, Crew& crew) { python.delivery.run(crew); }, "crew"_a, Unlocked())
+            "run",
+            [](PythonDelivery& python, Crew& crew, const nb::callable& on_failure) {
+                const nb::gil_scoped_release unlocked;
+                python.delivery.run(crew, [&] {
+                    const nb::gil_scoped_acquire locked;
+                    on_failure();
+                });
+            },
+            "crew"_a, "on_failure"_a)
+        .def_prop_ro("failed", [](const PythonDelivery& python) { return python.delivery.failed(); })
+        .def("check", [](PythonDelivery& python) { python.delivery.check(); })
         .def(
             "tally",
             [](const PythonDelivery& python, std::size_t walker) -> const WalkTally& {

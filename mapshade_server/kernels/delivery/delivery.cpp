@@ -28,15 +28,35 @@ Delivery::Delivery(const std::vector<BatchWalker*>& walkers, const std::vector<O
         if (!outlets[0][server]) lose(server);
 }
 
-void Delivery::run(Crew& crew) {
-    crew.run(ways_.size(), [this](std::size_t) {
+void Delivery::run(Crew& crew, const std::function<void()>& on_failure) {
+    crew.run(ways_.size(), [&](std::size_t) {
         try {
             walk();
         } catch (...) {
-            wanted_->end();  // the others have no use either
-            throw;
+            fail(std::current_exception());
+            on_failure();
         }
     });
+}
+
+void Delivery::fail(std::exception_ptr failure) {
+    wanted_->end();
+    const std::lock_guard lock(failing_);
+    if (!failure_) failure_ = std::move(failure);
+}
+
+bool Delivery::failed() const {
+    const std::lock_guard lock(failing_);
+    return failure_ != nullptr;
+}
+
+void Delivery::check() {
+    std::exception_ptr failure;
+    {
+        const std::lock_guard lock(failing_);
+        failure = failure_;
+    }
+    if (failure) std::rethrow_exception(failure);
 }
 
 void Delivery::walk() {

@@ -12,6 +12,8 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <utility>
@@ -42,8 +44,12 @@ public:
     Delivery(const std::vector<BatchWalker*>& walkers, const std::vector<Outlets>& outlets,
              std::shared_ptr<StillWanted> wanted);
 
-    // Walk and send, to the end or until it is of no use any more. Once. Rethrows what a walker or an outlet threw.
-    void run(Crew& crew);
+    // Walk and send, to the end or until it is of no use any more. Once. If a walker or an outlet throws, all others
+    // are to end as well, and `on_failure` is called at once: they may be in sends that last until others hear of it.
+    void run(Crew& crew, const std::function<void()>& on_failure);
+    bool failed() const;
+    // Rethrows what was thrown first. Once.
+    void check();
 
     // Once it has ended.
     const WalkTally& tally(std::size_t walker) const { return ways_.at(walker).tally; }
@@ -59,6 +65,7 @@ private:
     };
 
     void walk();
+    void fail(std::exception_ptr failure);
     Way* take_way();
     bool send_next(Way& way);
     bool goes_on() const;
@@ -70,6 +77,8 @@ private:
     std::vector<Way> ways_;
     std::vector<std::atomic<bool>> lost_;  // by splat server
     std::atomic<std::size_t> left_;        // of them
+    mutable std::mutex failing_;           // guards the next
+    std::exception_ptr failure_;
 };
 
 }  // namespace volsplat

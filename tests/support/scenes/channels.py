@@ -49,7 +49,7 @@ class Channels:
 
     @property
     def tile_news(self) -> int:
-        """Where the news of closed tiles begin: frame, first word, count of words, and these, 8 bytes each."""
+        """Where the news of closed tiles begin: changes, frame, first word, count of words, and these, 8 bytes each."""
         return LINE * (1 + len(self.ways) * (1 + BLOCKS))
 
     def scribble(self, place: int, what: bytes) -> None:
