@@ -35,9 +35,10 @@ class FrameDelivery:
         self._walk = walk
         self._spans = spans
         self._wanted = _kernels.StillWanted(newest, frame)
-        self._links = {server: links.get(server) for server in _parts_of(regions)}
+        parts = _parts_of(regions)
+        self._links = {server: links.get(server) for server in parts}
         self._outlets = [
-            {server: self._outlet(walker, server, parts) for server, parts in _parts_of(regions).items()}
+            {server: self._outlet(walker, server, parts[server]) for server in parts}
             for walker in range(len(walk.walkers))
         ]
         self._kernel = _kernels.Delivery(
