@@ -5,12 +5,13 @@ import os
 from collections.abc import Sequence
 
 from volsplat.mapshade_server._kernels import BatchChannel, ChannelMemory
+from volsplat.protocol.messages.frame_messages import MOST_CHANNEL_BYTES
 from volsplat.protocol.messages.messages import ChannelsShared
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.shared_memory import sealed_memory
 
 BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of what is ahead is hidden by then
-BLOCK_BYTES = 128 << 10  # of a batch, which is small so that owners soon have something of each walker
+BLOCK_BYTES = 1 << 20  # holds the longest run; what is not touched of it costs nothing, and batches are small
 
 log = logging.getLogger(__name__)
 
@@ -19,7 +20,7 @@ def shared_channels(link: Connection, walkers: int) -> Sequence[BatchChannel]:
     """A channel for each of so many walkers; none where no memory can be shared. Raises PeerLost."""
     if not link.may_share_memory:
         return []
-    shape = walkers, BLOCKS, BLOCK_BYTES
+    shape = walkers, min(BLOCKS, MOST_CHANNEL_BYTES // (walkers * BLOCK_BYTES)), BLOCK_BYTES
     try:
         descriptor = sealed_memory(ChannelMemory.bytes(*shape))
     except OSError as error:

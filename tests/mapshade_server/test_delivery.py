@@ -18,8 +18,9 @@ from support.scenes.rendering import batch_memory
 from support.scenes.shadings import shaded_scenes, volumes
 from volsplat.mapshade_server._kernels import Batch, ChannelOutlet, Crew, Delivery, NewestFrame, StillWanted, Walker
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.links.channels import BLOCK_BYTES
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.protocol.description.scene import Image, Order, Scene, Step
+from volsplat.protocol.description.scene import Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
@@ -27,6 +28,7 @@ from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
 from volsplat.splat_server._kernels import Bell, ReadBudget, SplatFrame
 
+LONGEST_ROW = 1 << 16  # see kLongestRow
 UNBOUNDED = ReadBudget(1 << 62, Bell())
 
 
@@ -170,6 +172,22 @@ def test_news_of_another_frame_are_not_heard() -> None:
         Delivery(kernels(walk_of(held, scene, plan, regions)), drawn, of_frame).run(Crew(), no_failure)
         finished(assembly)
         assert not heard(2) and heard(1)
+
+
+def test_a_channel_holds_the_longest_run() -> None:
+    """Of a row of which as much lies within 256 pixels as can at the least zoom of equal spacings."""
+    geometry = Geometry((LONGEST_ROW, 1, 1))
+    scene = plain_scene(opacity=0.01, size=(LONGEST_ROW // 64 + 40, 8), view=View(zoom=1 / 64))
+    plan = frame_of(scene, geometry)
+    regions, of_frame = [Region(1, 0, plan.height)], wanted()
+    held = held_of(geometry, torch.full((1, 1, LONGEST_ROW), 200.0))
+    with begun(plan, regions) as assembly, channels(block_bytes=BLOCK_BYTES) as through:
+        through.taker.begin(1, assembly.splat, 0, WALKERS, False)
+        outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
+        delivery = Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame)
+        delivery.run(Crew(), no_failure)
+        assert finished(assembly) == pushed(walk_of(held, scene, plan, regions), plan, regions, 1 << 17)
+        assert sum(delivery.tally(walker).packets for walker in range(WALKERS)) == LONGEST_ROW
 
 
 def test_no_more_words_are_told_than_the_map_has_whatever_the_memory_says() -> None:

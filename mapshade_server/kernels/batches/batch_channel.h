@@ -1,6 +1,7 @@
 // A walker's end of the channel to a splat server of its machine.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -21,8 +22,12 @@ public:
     // Blocks must hold the counts of all regions and the longest run.
     BatchChannel(std::shared_ptr<ChannelMemory> memory, int walker) : memory_(std::move(memory)), walker_(walker) {}
 
-    // That a batch may have so as to fit into a block: there is as much room for its runs.
-    std::size_t most_packets() const { return memory_->shape().block_bytes / (2 * kPacketBytes); }
+    // That a batch should have: few, so that owners soon have something of each walker, and so few that it fits into a
+    // block, with as much room for its runs.
+    std::size_t most_packets() const {
+        constexpr std::size_t kSoon = 8192;
+        return std::min(kSoon, memory_->shape().block_bytes / (2 * kPacketBytes));
+    }
 
     // To be sent next: the batch's parts from `first` to before `end`. What was not sent before never will be.
     void begin(std::int64_t frame, std::shared_ptr<const Batch> batch, std::size_t first, std::size_t end);
