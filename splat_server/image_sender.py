@@ -11,7 +11,7 @@ from volsplat.splat_server.shared_images import SharedImages
 
 
 class ImageSender:
-    """Of one client. One thread takes what images are published in, another sends them, a third hears of them."""
+    """Of one client. One thread takes what images are published in, one sends at a time, a third hears of them."""
 
     def __init__(self, client: Connection) -> None:
         self._client = client
@@ -24,6 +24,11 @@ class ImageSender:
         """Where to publish an image of so many bytes, so that the client sees it; None where it is to be sent."""
         with self._lock:
             return self._shared.target(nbytes) if self._client.may_share_memory else None
+
+    def shares(self, pixels: memoryview) -> bool:
+        """Whether they lie in memory that the client sees, so that it is only told of them."""
+        with self._lock:
+            return self._shared.hold(pixels)
 
     def send(self, image: ImageRead, pixels: memoryview, exact: bool) -> float:
         """The seconds that went into coding it. Raises as Connection.send does."""

@@ -1,4 +1,4 @@
-"""Sends to the client from a thread of its own, so that the work goes on while a large image is on its way."""
+"""Sends to the client, at once or on a thread of its own: the work goes on while a large image is on its way."""
 
 import queue
 import threading
@@ -33,6 +33,8 @@ class Outbox:
     ) -> None:
         """`image_sent` and `failed` are called by the sending thread; after `failed` nothing more is sent."""
         self.holds_image = False
+        self._waited = 0  # so many were left to the sending thread …
+        self._done = 0  # … which has sent so many of them
         self._client = client
         self.images = ImageSender(client)
         self._image_sent = image_sent
@@ -42,18 +44,40 @@ class Outbox:
         self._thread.start()
 
     def post(self, message: messages.Message) -> None:
-        self._posted.put(message)
+        if not self._leaves_at_once(lambda: self._client.send_at_once(message)):
+            self._leave(message)
 
     def post_later(self, made: Later) -> None:
         """A message that is made once all that was posted before is sent."""
-        self._posted.put(made)
+        self._leave(made)
 
     def post_image(
         self, message: messages.ImageRead, pixels: memoryview, exact: bool, spans: FrameSpans = UNTRACED
     ) -> None:
         """`message` says of what; how its pixels go is seen when they do."""
-        self.holds_image = True
-        self._posted.put(_Image(message, pixels, exact, spans))
+        image = _Image(message, pixels, exact, spans)
+        if not self._leaves_at_once(lambda: self._sent_by_memory(image)):
+            self.holds_image = True
+            self._leave(image)
+
+    def _leaves_at_once(self, send: Callable[[], bool]) -> bool:
+        if self._waited != self._done:
+            return False
+        try:
+            return send()
+        except VolsplatError:  # the sending thread will find the same, and reports it
+            return False
+
+    def _sent_by_memory(self, image: _Image) -> bool:
+        """Whether the client sees the image's memory, and has been told of it without waiting."""
+        if not (self.images.shares(image.pixels) and self._client.has_room):
+            return False
+        self._send_image(image)
+        return True
+
+    def _leave(self, posted: messages.Message | Later | _Image) -> None:
+        self._waited += 1
+        self._posted.put(posted)
 
     def close(self) -> None:
         """End the thread. The client's connection must be closed already: it wakes a send that waits."""
@@ -76,8 +100,10 @@ class Outbox:
             except VolsplatError as error:
                 self._failed(error)
                 return
-            if isinstance(posted, _Image):
-                del posted
+            was_image = isinstance(posted, _Image)
+            del posted  # an image's memory is used again once nobody holds it
+            self._done += 1
+            if was_image:
                 self.holds_image = False
                 self._image_sent()
 

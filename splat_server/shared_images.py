@@ -36,6 +36,9 @@ class SharedImages:
         block = self._blocks.free_block()
         return None if block is None else memoryview(block)[:nbytes]
 
+    def hold(self, pixels: memoryview) -> bool:
+        return self._blocks is not None and self._blocks.number_of(pixels) is not None
+
     def passed(self, pixels: memoryview) -> tuple[SharedPixels, int | None] | None:
         """What tells the client of an image, and the descriptor that goes with it; None for one that lies elsewhere."""
         blocks = self._blocks

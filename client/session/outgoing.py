@@ -1,4 +1,4 @@
-"""Sends to one server on a thread of its own, so that a server that does not read delays no other."""
+"""Sends to one server, at once or on a thread of its own: one that does not read delays no other."""
 
 import threading
 import time
@@ -35,8 +35,8 @@ class Outgoing:
         failed: Callable[[messages.Message, VolsplatError], None],
         sent: Callable[[messages.Message, float], None] = _nothing,
     ) -> None:
-        """Both are called by the sending thread: `failed` with LocalProtocolError where nothing was sent and the rest
-        goes on, `sent` with the moment at which the sending began.
+        """`failed` is called by the sending thread, with LocalProtocolError where nothing was sent and the rest goes
+        on; `sent` by the one that has sent it, with the moment at which that began.
         """
         self._connection = connection
         self._failed = failed
@@ -52,6 +52,8 @@ class Outgoing:
             if isinstance(message, messages.RenderFrame):
                 newer = [posted for posted in self._posted if not isinstance(posted.message, OF_ONE_FRAME)]
                 self._posted = deque(newer)
+            if not (self._ended or self._posted or self._sending or payload) and self._leaves_at_once(message):
+                return
             self._posted.append(_Posted(message, payload))
             self._changed.notify_all()
 
@@ -68,6 +70,16 @@ class Outgoing:
             self._ended = True
             self._posted.clear()
             self._changed.notify_all()
+
+    def _leaves_at_once(self, message: messages.Message) -> bool:
+        began = time.perf_counter()
+        try:
+            if not self._connection.send_at_once(message):
+                return False
+        except VolsplatError:  # the sending thread will find the same, and reports it
+            return False
+        self._sent(message, began)
+        return True
 
     def _send_posted(self) -> None:
         while (posted := self._next()) is not None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.exchanges import EXCHANGES, Exchanges
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
+SHORT_MESSAGE = 4096  # bytes; a third of the smallest send buffer holds it
 
 
 class ConnectionClosed(VolsplatError):
@@ -157,21 +159,29 @@ class Connection:
         """
         with self._sending:
             self._send(message, payload, descriptor)
-            self.counters.messages_out += 1
+
+    def send_at_once(self, message: Message, descriptor: int | None = None) -> bool:
+        """Send a message without payload if that goes without waiting; returns whether it was sent. See send().
+
+        It waits for nobody if it is short, nothing else is being sent, and the peer has read most of what went before.
+        """
+        if not self._sending.acquire(blocking=False):
+            return False
+        try:
+            if len(encode_control(message)) > SHORT_MESSAGE or not self.has_room:
+                return False
+            self._send(message, (), descriptor)
+            return True
+        finally:
+            self._sending.release()
 
     def say_alive(self, silence: float) -> None:
         """Say that this side is there, and after which silence it gives the peer up, if that goes without waiting.
 
         Nothing is said while something is being sent, nor after the end of the session. What is lost, receive() tells.
         """
-        if self._sending.acquire(blocking=False):
-            try:
-                if self.has_room:
-                    self._send(Alive(silence), (), None)
-            except (PeerLost, ConnectionClosed, LocalProtocolError):
-                return
-            finally:
-                self._sending.release()
+        with suppress(PeerLost, ConnectionClosed, LocalProtocolError):
+            self.send_at_once(Alive(silence))
 
     def leave_signs(self, silence: float, leave: LeaveSigns) -> None:
         """From now on have signs of life given from outside of the interpreter. Waits, and raises, as send() does."""
@@ -292,6 +302,8 @@ class Connection:
                 self._send_all(buffers, descriptor)
             if self._leave is not None:
                 self._signs = self._leave()
+        if not isinstance(message, Alive):
+            self.counters.messages_out += 1
 
     def _send_signs(self) -> None:
         """Those that were left: encrypted ones have their place in the stream."""
