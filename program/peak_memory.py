@@ -1,17 +1,30 @@
 """The most memory that this process has held, for the report."""
 
+import os
 import resource
 import sys
-from pathlib import Path
 
-STATUS = Path("/proc/self/status")
+STATUS = "/proc/self/status"
+STATUS_BYTES = 16384  # more than it has
+PEAK = b"VmHWM:"
 
 
 def peak_memory() -> int:
     """Bytes resident at the peak. On Linux getrusage would count the process that started this one as well."""
-    if STATUS.exists():
-        for line in STATUS.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
+    if os.path.exists(STATUS):
+        return _kilobytes(_status()) * 1024
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
+
+
+def _status() -> bytes:
+    """Of this process. Read by the system's own calls, which take half the time: each frame asks."""
+    status = os.open(STATUS, os.O_RDONLY)
+    try:
+        return os.read(status, STATUS_BYTES)
+    finally:
+        os.close(status)
+
+
+def _kilobytes(status: bytes) -> int:
+    return int(status.partition(PEAK)[2].split(maxsplit=1)[0])

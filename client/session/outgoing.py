@@ -52,7 +52,7 @@ class Outgoing:
             if isinstance(message, messages.RenderFrame):
                 newer = [posted for posted in self._posted if not isinstance(posted.message, OF_ONE_FRAME)]
                 self._posted = deque(newer)
-            if not (self._ended or self._posted or self._sending or payload) and self._leaves_at_once(message):
+            if not (self._ended or self._posted or self._sending) and self._leaves_at_once(message, payload):
                 return
             self._posted.append(_Posted(message, payload))
             self._changed.notify_all()
@@ -71,10 +71,10 @@ class Outgoing:
             self._posted.clear()
             self._changed.notify_all()
 
-    def _leaves_at_once(self, message: messages.Message) -> bool:
+    def _leaves_at_once(self, message: messages.Message, payload: tuple[memoryview, ...]) -> bool:
         began = time.perf_counter()
         try:
-            if not self._connection.send_at_once(message):
+            if any(part.nbytes for part in payload) or not self._connection.send_at_once(message):
                 return False
         except VolsplatError:  # the sending thread will find the same, and reports it
             return False

@@ -4,6 +4,7 @@ import gzip
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -153,6 +154,22 @@ def test_whoever_posts_does_not_wait_and_older_frames_that_have_not_left_are_dro
     assert names == ["HoldPart"] * 4 + ["DescribeMachine", "RenderFrame", "EndSession"]
     (failure,) = failures
     assert isinstance(failure, LocalProtocolError)
+
+
+def test_where_nothing_waits_a_short_message_has_left_when_it_is_posted(ends: tuple[Connection, Connection]) -> None:
+    client, server = ends
+    senders: list[threading.Thread] = []
+    failures: list[VolsplatError] = []
+    outgoing = Outgoing(
+        client,
+        lambda message, error: failures.append(error),
+        lambda message, began: senders.append(threading.current_thread()),
+    )
+    outgoing.post(messages.DescribeMachine(), memoryview(b""))
+    assert senders == [threading.current_thread()]
+    received = server.receive()
+    assert received is not None and received.message == messages.DescribeMachine()
+    assert not failures
 
 
 def test_closing_the_connection_ends_a_send_that_waits(ends: tuple[Connection, Connection]) -> None:

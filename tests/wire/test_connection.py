@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from support.messages.message_samples import SAMPLES, framed, sample_bytes
 from support.patience import PATIENCE, wait_until
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.greetings import Hello
@@ -25,7 +27,7 @@ from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
 from volsplat.protocol.text.rare_lines import MOST_AT_ONCE, RareLines
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
-from volsplat.protocol.wire.connection import Connection, ConnectionClosed
+from volsplat.protocol.wire.connection import SHORT_MESSAGE, Connection, ConnectionClosed
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import new_hello
@@ -226,6 +228,38 @@ def test_messages_of_several_threads_do_not_mix(host: str) -> None:
                 assert received.payload == payload_of(received.message.parts[0].packet_count, received.message.sequence)
                 seen.add(received.message.sequence)
         assert len(seen) == each * threads
+
+
+def test_what_is_sent_at_once_waits_for_nobody(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
+        server, client = joined(listener)
+        with server, client:
+            sent = 0
+            while client.send_at_once(messages.NameSession(str(sent))):  # nobody reads
+                sent += 1
+            assert sent > 0
+            for number in range(sent):
+                assert expect(server) == messages.NameSession(str(number))
+            assert client.send_at_once(messages.NameSession("again"))
+            assert expect(server) == messages.NameSession("again")
+
+
+def test_nothing_is_sent_at_once_amid_another_message_nor_if_it_is_long(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
+        server, client = joined(listener)
+        with server, client:
+            frame = SAMPLES[messages.RenderFrame][0]
+            assert isinstance(frame, messages.RenderFrame)
+            many = msgspec.structs.replace(frame, workers=dict.fromkeys(range(1, 1000), 1))
+            assert len(encode_control(many)) > SHORT_MESSAGE
+            assert not client.send_at_once(many)
+            box = Box((0, 0, 0), (BIG, 1, 1))
+            part = messages.HoldPart(1, messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=box))
+            with in_thread(lambda: client.send(part, bytes(BIG))) as result:
+                wait_until(lambda: client.counters.bytes_out > 0, "begun")
+                assert not client.send_at_once(messages.NameSession("amid"))
+                assert expect(server) == part
+                assert result.get(timeout=PATIENCE) is None
 
 
 def test_close_wakes_a_blocked_receive(host: str) -> None:
