@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
@@ -68,6 +68,6 @@ class FrameTally:
         )
 
     def stats(self) -> messages.MapShadeStats:
-        links = {server: messages.LinkStats(**asdict(sent)) for server, sent in self.links.items()}
-        counted = {one.name: getattr(self, one.name) for one in fields(self)} | {"links": links}
+        links = {server: messages.LinkStats(**vars(sent)) for server, sent in self.links.items()}
+        counted = vars(self) | {"links": links}
         return messages.MapShadeStats(**counted, peak_memory_bytes=peak_memory(), machine=this_machine())
