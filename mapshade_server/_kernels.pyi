@@ -81,17 +81,23 @@ def direction_vectors(directions: DirectionCode) -> Array:
 def gradient_bytes(directions: DirectionCode, axes: Sequence[_Vector]) -> Array:
     """Bytes of the fields gradient i, j, k: uint8 (3, 32768). `axes` are unit vectors along the grid's axes."""
 
+class RoughLight:
+    """What falls on rough directions, of which each stands for several; the same for all views."""
+
+    def __init__(self, roughness: Sequence[_Vector], two_sided: bool, specular_power: float) -> None:
+        """`roughness`: for each of the four, cosines of the angles between the mean and directions as likely."""
+
 def light_table(
     directions: DirectionCode,
-    roughness: Sequence[_Vector],
     light: _Vector,
     half: _Vector,
     diffuse: bool,
     specular: bool,
     two_sided: bool,
     specular_power: float,
+    rough: RoughLight | None,
 ) -> Array:
-    """What multiplies the reflected colour, by direction code: float32 (32768,)."""
+    """What multiplies the reflected colour, by direction code: float32 (32768,). Rough directions need `rough`."""
 
 def colour_table(colours: Sequence[_Vector]) -> Array:
     """Red, green, blue and 0 of 256 entries: float32 (256, 4)."""
@@ -149,6 +155,18 @@ def seen_in_columns(
     and the coarser voxels, then what they reflect, by direction code and step: float64 (32768, 4) each.
     A coarser voxel stands for so many `layers` along the axis, of `places` voxels each.
     """
+
+class ReflectedLight:
+    """What a level reflects of a light."""
+
+    def __init__(self, light: Array, step: float) -> None:
+        """`light` by direction code, float64 (32768,), is taken in steps of `step`."""
+
+    def add(self, area: float, codes: Array, by_step: Array) -> None:
+        """What is seen from one side, of so large an area: int64 (n,), float64 (n, 4)."""
+
+    def amount(self, factor: float) -> float:
+        """All that is reflected if there is so many times the light."""
 
 def mixture_of(finer: Array, coarser: Array) -> MixtureEntries:
     """Of packets (k, j, i) of a box, and of the voxels of the next level that are the means of them.

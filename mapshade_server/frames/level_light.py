@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.level_columns import LevelColumns, Looks, Reflected, Seen
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -125,33 +126,27 @@ class SeenLevel:
         """
         sides = [(abs(along) * self._areas[axis], self._sides[axis, along > 0.0]) for axis, along in enumerate(eye)]
         of_finer, of_coarser = (
-            Lit([(area, seen.reflected[which]) for area, seen in sides if area], light)
+            _reflected([(area, seen.reflected[which]) for area, seen in sides if area], light)
             for which, light in enumerate((finer, coarser))
         )
-        return of_coarser.factor(of_finer.amount(1.0))
+        return _light_factor(of_coarser, of_finer.amount(1.0))
 
 
-class Lit:
-    """What is reflected of a light."""
+def _reflected(sides: Iterable[tuple[float, Reflected]], light: Light) -> _kernels.ReflectedLight:
+    """`sides` are their areas, and what is seen from them."""
+    reflected = _kernels.ReflectedLight(light.data, LIGHT_STEP)
+    for area, seen in sides:
+        reflected.add(area, seen.codes.data, seen.by_step.data)
+    return reflected
 
-    def __init__(self, sides: Iterable[tuple[float, Reflected]], light: Light) -> None:
-        """`sides` are their areas, and what is seen from them."""
-        areas, seen = zip(*sides, strict=True)
-        self._light = np.concatenate([light[side.codes] for side in seen])
-        self._reflected = np.concatenate([area * side.by_step for area, side in zip(areas, seen, strict=True)], axis=1)
 
-    def amount(self, factor: float) -> float:
-        """With the light multiplied by `factor`."""
-        steps = self._light * factor - LIGHT_STEP * np.arange(LIGHT_STEPS)[:, None]
-        return float((self._reflected * np.clip(steps, 0.0, LIGHT_STEP)).sum())
-
-    def factor(self, amount: float) -> float:
-        """What multiplies the light so that as much is reflected; 1 where there is nothing."""
-        if amount <= 0.0 or self.amount(1.0) <= 0.0:
-            return 1.0
-        tried = range(round(LEAST_FACTOR * ROUNDED_TO), round(GREATEST_FACTOR * ROUNDED_TO) + 1)
-        below = bisect_left(tried, amount * LEAST_SHARE, key=lambda n: self.amount((n - 0.5) / ROUNDED_TO))
-        return tried[max(below - 1, 0)] / ROUNDED_TO
+def _light_factor(coarser: _kernels.ReflectedLight, amount: float) -> float:
+    """What multiplies the light so that as much is reflected; 1 where there is nothing."""
+    if amount <= 0.0 or coarser.amount(1.0) <= 0.0:
+        return 1.0
+    tried = range(round(LEAST_FACTOR * ROUNDED_TO), round(GREATEST_FACTOR * ROUNDED_TO) + 1)
+    below = bisect_left(tried, amount * LEAST_SHARE, key=lambda n: coarser.amount((n - 0.5) / ROUNDED_TO))
+    return tried[max(below - 1, 0)] / ROUNDED_TO
 
 
 def factor(finer: float, coarser: float) -> float:

@@ -318,14 +318,19 @@ def light_of_directions(lighting: Lighting, directions: DirectionCode) -> "_kern
     """What multiplies the reflected colour, by direction code: float32 (32768,)."""
     return _kernels.light_table(
         directions,
-        ROUGHNESS_COSINES,
         lighting.light,
         lighting.half_way,
         lighting.diffuse,
         lighting.specular,
         lighting.two_sided,
         lighting.specular_power,
+        _rough_light(lighting.two_sided, lighting.specular_power) if directions == "rough" else None,
     )
+
+
+@lru_cache(KEPT_LIGHT_TABLES)
+def _rough_light(two_sided: bool, specular_power: float) -> "_kernels.RoughLight":
+    return _kernels.RoughLight(ROUGHNESS_COSINES, two_sided, specular_power)
 
 
 @lru_cache(KEPT_TABLES)

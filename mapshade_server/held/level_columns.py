@@ -48,13 +48,13 @@ class Reflected(NamedTuple):
     """What multiplies the light on some directions."""
 
     codes: NDArray[np.int64]  # of the directions
-    by_step: NDArray[np.float64]  # of the light, for each code: (4, n)
+    by_step: NDArray[np.float64]  # of the light, for each code: (n, 4)
 
     @classmethod
     def of_all(cls, by_code: NDArray[np.float64]) -> "Reflected":
         """Of what is known of every code, (32768, 4), what is not nothing; there is no step without the first."""
         codes = np.flatnonzero(by_code[:, 0])
-        return cls(codes, by_code[codes].T.copy())
+        return cls(codes, by_code[codes])
 
 
 class Seen(NamedTuple):

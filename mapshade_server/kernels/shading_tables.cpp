@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "paths/map_shade_kernels.h"
 
@@ -20,6 +21,14 @@ std::array<int, 3> octahedral_direction(int place, int side) {
     return {(middle - std::abs(y)) * sign(x), (middle - std::abs(x)) * sign(y), z};
 }
 
+// Where octahedral_direction() has this direction from; at a seam one of two places.
+int octahedral_place(const std::array<int, 3>& direction, int side) {
+    const auto [i, j, k] = direction;
+    const int middle = side / 2;
+    const int x = k >= 0 ? i : (middle - std::abs(j)) * sign(i), y = k >= 0 ? j : (middle - std::abs(i)) * sign(j);
+    return (y + middle) * side + x + middle;
+}
+
 // The direction of a code as whole numbers, not normalised.
 std::array<int, 3> whole_direction(int code, Directions directions) {
     if (directions == Directions::kPaper) return {(code & 31) - 16, (code >> 5 & 31) - 16, (code >> 10 & 31) - 16};
@@ -31,58 +40,47 @@ std::array<int, 3> whole_direction(int code, Directions directions) {
     return octahedral_direction(code % kRoughDirections, kRoughSide);
 }
 
-// Light that falls on directions spread evenly about an axis, whose angles to it have these cosines, by the cosine of
-// the axis with the light: `shine` is what a cosine of one direction gives.
-class SpreadLight {
-public:
-    template <class Shine>
-    SpreadLight(const Cosines& cosines, Shine shine) {
-        // Of eight directions around the axis, half of which mirror the others: cosines of odd sixteenths of pi
-        constexpr double kAround[] = {0.98078528040323044913, 0.83146961230254523708, 0.55557023301960222474,
-                                      0.19509032201612826785};
-        for (int n = 0; n <= kSteps; ++n) {
-            const double along = 2.0 * n / kSteps - 1.0, aside = std::sqrt(1.0 - along * along);
-            double sum = 0.0;
-            for (double cosine : cosines) {
-                const double sine = std::sqrt(1.0 - cosine * cosine);
-                for (double around : kAround) {
-                    sum +=
-                        shine(along * cosine + aside * sine * around) + shine(along * cosine - aside * sine * around);
-                }
-            }
-            light_[n] = sum / (8.0 * static_cast<double>(cosines.size()));
-        }
-    }
+// The code of the opposite direction, as rough as this one's; none of those without direction, nor of the paper's
+// least.
+std::optional<int> opposite(int code, Directions directions) {
+    const auto [i, j, k] = whole_direction(code, directions);
+    if (i == 0 && j == 0 && k == 0) return std::nullopt;
+    if (directions == Directions::kOctahedral) return octahedral_place({-i, -j, -k}, kOctahedralSide);
+    if (directions == Directions::kRough)
+        return code - code % kRoughDirections + octahedral_place({-i, -j, -k}, kRoughSide);
+    if (std::min({i, j, k}) == -16) return std::nullopt;
+    return (16 - i) | (16 - j) << 5 | (16 - k) << 10;
+}
 
-    double at(double cosine) const {
-        const double place = (std::clamp(cosine, -1.0, 1.0) + 1.0) * (kSteps / 2.0);
-        const int below = std::min(static_cast<int>(place), kSteps - 1);
-        return light_[below] + (light_[below + 1] - light_[below]) * (place - below);
+// Made when it is first asked for.
+template <class Table>
+const Table& table_of(Directions code) {
+    if (code == Directions::kPaper) {
+        static const Table paper(code);
+        return paper;
     }
-
-private:
-    static constexpr int kSteps = 256;
-    std::array<double, kSteps + 1> light_;
-};
+    if (code == Directions::kOctahedral) {
+        static const Table octahedral(code);
+        return octahedral;
+    }
+    static const Table rough(code);
+    return rough;
+}
 
 // The table's part for directions of one roughness.
-void fill_rough_light(const DirectionTable& directions, int begin, const Cosines& cosines, const Lighting& lighting,
-                      float* table) {
-    const auto seen = [&](double cosine) { return lighting.two_sided ? std::abs(cosine) : cosine; };
-    const auto power = map_shade_kernels().power;
-    const SpreadLight diffuse(cosines, [&](double cosine) { return std::max(seen(cosine), 0.0); });
-    const SpreadLight highlight(cosines, [&](double cosine) {
-        return seen(cosine) > 0.0 ? power(std::min(seen(cosine), 1.0), lighting.specular_power) : 0.0;
-    });
+void fill_rough_light(int roughness, const RoughLight& rough, const Lighting& lighting, float* table) {
+    const DirectionTable& directions = direction_table(Directions::kRough);
+    const SpreadLight &diffuse = rough.diffuse(roughness), &highlight = rough.highlight(roughness);
     const double* const half = lighting.half;
     const bool shines = lighting.specular && (half[0] != 0.0 || half[1] != 0.0 || half[2] != 0.0);
+    const int begin = roughness * kRoughDirections;
     for (int code = begin; code < begin + kRoughDirections; ++code) {
         // The outward normal is the opposite of the gradient
         const double x = -directions.x[code], y = -directions.y[code], z = -directions.z[code];
         const double along_light = x * lighting.light[0] + y * lighting.light[1] + z * lighting.light[2];
         const double along_half = x * half[0] + y * half[1] + z * half[2];
         double sum = lighting.diffuse ? diffuse.at(along_light) : 0.0;
-        if (shines && seen(along_light) > 0.0) sum += highlight.at(along_half);
+        if (shines && (lighting.two_sided ? std::abs(along_light) : along_light) > 0.0) sum += highlight.at(along_half);
         table[code] = static_cast<float>(sum);
     }
 }
@@ -100,11 +98,29 @@ DirectionTable::DirectionTable(Directions directions) {
     }
 }
 
-const DirectionTable& direction_table(Directions code) {
-    static const DirectionTable paper(Directions::kPaper), octahedral(Directions::kOctahedral),
-        rough(Directions::kRough);
-    return code == Directions::kPaper ? paper : code == Directions::kOctahedral ? octahedral : rough;
+const DirectionTable& direction_table(Directions code) { return table_of<DirectionTable>(code); }
+
+AxisTable::AxisTable(Directions directions) : place(kDirectionCodes) {
+    const DirectionTable& all = direction_table(directions);
+    std::vector<bool> flipped(kDirectionCodes);
+    for (int code = 0; code < kDirectionCodes; ++code) {
+        const int other = opposite(code, directions).value_or(code);
+        if (other < code) {
+            place[code] = place[other];
+            flipped[code] = !flipped[other];
+            continue;
+        }
+        place[code] = static_cast<std::uint16_t>(x.size());
+        x.push_back(all.x[code]);
+        y.push_back(all.y[code]);
+        z.push_back(all.z[code]);
+    }
+    for (int code = 0; code < kDirectionCodes; ++code) {
+        if (flipped[code]) place[code] = static_cast<std::uint16_t>(place[code] + x.size());
+    }
 }
+
+const AxisTable& axis_table(Directions code) { return table_of<AxisTable>(code); }
 
 std::vector<std::uint8_t> gradient_bytes(Directions scheme, const std::array<Vector3, 3>& axes) {
     const DirectionTable& directions = direction_table(scheme);
@@ -121,16 +137,17 @@ std::vector<std::uint8_t> gradient_bytes(Directions scheme, const std::array<Vec
     return bytes;
 }
 
-std::vector<float> light_table(Directions code, const std::vector<Cosines>& roughness, const Lighting& lighting) {
+std::vector<float> light_table(Directions code, const Lighting& lighting, const RoughLight* rough) {
     std::vector<float> table(kDirectionCodes, 0.0f);
     if (!lighting.diffuse && !lighting.specular) return table;
-    const DirectionTable& directions = direction_table(code);
-    map_shade_kernels().light({directions.x.data(), directions.y.data(), directions.z.data()}, kDirectionCodes,
-                              lighting, table.data());
+    const AxisTable& axes = axis_table(code);
+    const std::size_t count = axes.x.size();
+    std::vector<float> both(2 * count);
+    map_shade_kernels().light({axes.x.data(), axes.y.data(), axes.z.data()}, count, lighting, both.data(),
+                              both.data() + count);
+    for (int direction = 0; direction < kDirectionCodes; ++direction) table[direction] = both[axes.place[direction]];
     if (code == Directions::kRough) {
-        for (int n = 1; n < kRoughnesses; ++n) {
-            fill_rough_light(directions, n * kRoughDirections, roughness.at(n), lighting, table.data());
-        }
+        for (int n = 1; n < kRoughnesses; ++n) fill_rough_light(n, *rough, lighting, table.data());
     }
     return table;
 }

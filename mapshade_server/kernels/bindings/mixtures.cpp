@@ -7,6 +7,7 @@
 #include "arrays.h"
 #include "kernels/tables/patch_table.h"
 #include "mapshade_server/kernels/level_columns.h"
+#include "mapshade_server/kernels/reflected_light.h"
 #include "mixtures.h"
 
 namespace volsplat {
@@ -83,6 +84,23 @@ nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis,
                           owned_array(std::move(seen.coarser.reflected), kDirectionCodes, kLightSteps));
 }
 
+using LightOfCodes = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Codes = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+void make_reflected_light(ReflectedLight* self, const LightOfCodes& light, double step) {
+    if (light.shape(0) != kDirectionCodes) throw std::invalid_argument("light is known of every direction code");
+    new (self) ReflectedLight({light.data(), light.data() + light.shape(0)}, step);
+}
+
+void add_side(ReflectedLight& light, double area, const Codes& codes, const Table& by_step) {
+    check_rows(by_step, codes.shape(0));
+    if (by_step.shape(1) != kLightSteps) throw std::invalid_argument("light has four steps");
+    for (std::size_t n = 0; n < codes.shape(0); ++n)
+        if (codes.data()[n] < 0 || codes.data()[n] >= kDirectionCodes)
+            throw std::invalid_argument("there is no such direction code");
+    light.add(area, codes.data(), by_step.data(), codes.shape(0));
+}
+
 }  // namespace
 
 void bind_mixtures(nb::module_& m) {
@@ -128,6 +146,10 @@ void bind_mixtures(nb::module_& m) {
         "table"_a);
     m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "depth"_a, "axis"_a, "from_high"_a, "layers"_a,
           "places"_a, "finer"_a, "coarser"_a);
+    nb::class_<ReflectedLight>(m, "ReflectedLight")
+        .def("__init__", &make_reflected_light, "light"_a, "step"_a)
+        .def("add", &add_side, "area"_a, "codes"_a, "by_step"_a)
+        .def("amount", &ReflectedLight::amount, "factor"_a);
 }
 
 }  // namespace volsplat

@@ -125,12 +125,18 @@ nb::object python_gradient_bytes(const std::string& code, const std::array<Vecto
     return owned_array(gradient_bytes(directions_named(code), axes), 3, kDirectionCodes);
 }
 
-nb::object python_light_table(const std::string& code, const std::vector<Cosines>& roughness, const Vector3& light,
-                              const Vector3& half, bool diffuse, bool specular, bool two_sided, double specular_power) {
-    if (roughness.size() != kRoughnesses) throw std::invalid_argument("directions have four roughnesses");
+nb::object python_light_table(const std::string& code, const Vector3& light, const Vector3& half, bool diffuse,
+                              bool specular, bool two_sided, double specular_power, const RoughLight* rough) {
+    const Directions directions = directions_named(code);
+    if (directions == Directions::kRough && !rough) throw std::invalid_argument("rough directions need their light");
     const Lighting lighting{
         {light[0], light[1], light[2]}, {half[0], half[1], half[2]}, diffuse, specular, two_sided, specular_power};
-    return owned_array(light_table(directions_named(code), roughness, lighting), kDirectionCodes);
+    return owned_array(light_table(directions, lighting, rough), kDirectionCodes);
+}
+
+void make_rough_light(RoughLight* self, const std::vector<Cosines>& roughness, bool two_sided, double specular_power) {
+    if (roughness.size() != kRoughnesses) throw std::invalid_argument("directions have four roughnesses");
+    new (self) RoughLight(roughness, two_sided, specular_power);
 }
 
 nb::object python_colour_table(const std::vector<Vector3>& colours) {
@@ -175,8 +181,10 @@ void bind_preprocessing(nb::module_& m) {
         "exponent"_a);
     m.def("direction_vectors", &python_direction_vectors, "directions"_a);
     m.def("gradient_bytes", &python_gradient_bytes, "directions"_a, "axes"_a);
-    m.def("light_table", &python_light_table, "directions"_a, "roughness"_a, "light"_a, "half"_a, "diffuse"_a,
-          "specular"_a, "two_sided"_a, "specular_power"_a);
+    nb::class_<RoughLight>(m, "RoughLight")
+        .def("__init__", &make_rough_light, "roughness"_a, "two_sided"_a, "specular_power"_a);
+    m.def("light_table", &python_light_table, "directions"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,
+          "two_sided"_a, "specular_power"_a, "rough"_a.none());
     m.def("colour_table", &python_colour_table, "colours"_a);
     m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
     m.def("plane_opacity_codes", &python_plane_opacity_codes, "opacities"_a, "exponent"_a);

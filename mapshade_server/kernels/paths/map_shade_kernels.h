@@ -112,7 +112,7 @@ struct RunSamples {
     bool descending;  // written last to first
 };
 
-// Unit vectors of direction codes, zeros for codes without direction.
+// Unit vectors, zeros where there is no direction.
 struct DirectionVectors {
     const double* x;
     const double* y;
@@ -176,8 +176,9 @@ struct MapShadeKernels {
     // base^exponent for a base of 0 to 1, the same bits on every machine.
     Kernel<double(double base, double exponent)> power;
 
-    // What multiplies the reflected colour, for each direction.
-    Kernel<void(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table)> light;
+    // What multiplies the reflected colour if the gradient goes along each axis, and if it goes the opposite way.
+    Kernel<void(const DirectionVectors& axes, std::size_t n, const Lighting& lighting, float* ahead, float* behind)>
+        light;
 
     // 12-bit codes of 1 - (1 - thin)^exponent.
     Kernel<void(const double* thin, std::size_t n, double exponent, std::uint16_t* codes)> opacity_codes;

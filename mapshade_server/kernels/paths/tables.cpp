@@ -23,21 +23,22 @@ inline std::uint16_t code_of_opacity(double opacity) {
 }
 
 template <bool two_sided, bool specular>
-void fill_light(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table) {
-    const double *gx = directions.x, *gy = directions.y, *gz = directions.z;
+void fill_light(const DirectionVectors& axes, std::size_t n, const Lighting& lighting, float* ahead, float* behind) {
+    const double *gx = axes.x, *gy = axes.y, *gz = axes.z;
     const double lx = lighting.light[0], ly = lighting.light[1], lz = lighting.light[2];
     const double hx = lighting.half[0], hy = lighting.half[1], hz = lighting.half[2];
     const double diffuse = lighting.diffuse ? 1.0 : 0.0, shininess = lighting.specular_power;
     VOLSPLAT_INDEPENDENT
-    for (std::size_t code = 0; code < n; ++code) {
+    for (std::size_t axis = 0; axis < n; ++axis) {
         // The outward normal G is the opposite of the gradient; no direction, no light
-        const double along_light = -(gx[code] * lx + gy[code] * ly + gz[code] * lz);
-        const double along_half = -(gx[code] * hx + gy[code] * hy + gz[code] * hz);
-        const double towards_light = two_sided ? magnitude(along_light) : along_light;
-        const double towards_half = two_sided ? magnitude(along_half) : along_half;
-        const double highlight = specular ? power_of(towards_half, shininess) : 0.0;
-        const double sum = towards_light * diffuse + highlight;
-        table[code] = static_cast<float>(towards_light > 0.0 ? sum : 0.0);
+        const double along_light = -(gx[axis] * lx + gy[axis] * ly + gz[axis] * lz);
+        const double along_half = -(gx[axis] * hx + gy[axis] * hy + gz[axis] * hz);
+        const double towards_light = magnitude(along_light), scattered = towards_light * diffuse;
+        const double highlight = specular ? power_of(magnitude(along_half), shininess) : 0.0;
+        const double sum_ahead = scattered + (two_sided || along_half > 0.0 ? highlight : 0.0);
+        const double sum_behind = scattered + (two_sided || along_half < 0.0 ? highlight : 0.0);
+        ahead[axis] = static_cast<float>((two_sided ? towards_light : along_light) > 0.0 ? sum_ahead : 0.0);
+        behind[axis] = static_cast<float>((two_sided ? towards_light : -along_light) > 0.0 ? sum_behind : 0.0);
     }
 }
 
@@ -45,10 +46,10 @@ void fill_light(const DirectionVectors& directions, std::size_t n, const Lightin
 
 double power(double base, double exponent) { return power_of(base, exponent); }
 
-void light(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table) {
+void light(const DirectionVectors& axes, std::size_t n, const Lighting& lighting, float* ahead, float* behind) {
     const auto fill = lighting.two_sided ? (lighting.specular ? fill_light<true, true> : fill_light<true, false>)
                                          : (lighting.specular ? fill_light<false, true> : fill_light<false, false>);
-    fill(directions, n, lighting, table);
+    fill(axes, n, lighting, ahead, behind);
 }
 
 void opacity_codes(const double* thin, std::size_t n, double exponent, std::uint16_t* codes) {
