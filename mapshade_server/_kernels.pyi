@@ -147,14 +147,17 @@ class MixtureEntries:
 
 def seen_in_columns(
     rows: Array, depth: int, axis: int, from_high: bool, layers: int, places: int, finer: Array, coarser: Array
-) -> tuple[float, float, Array, Array]:
+) -> tuple[tuple[float, Array, Array], tuple[float, Array, Array]]:
     """What is seen along columns of level_columns, uint32 (columns * depth, 9), from one of their ends.
 
     Tables are float64 (65536, 7) over density | strength << 8: optical depth of a layer, how much light that lets
-    through, what is emitted, and what is reflected of each of four steps of the light. Emitted light by the finer
-    and the coarser voxels, then what they reflect, by direction code and step: float64 (32768, 4) each.
-    A coarser voxel stands for so many `layers` along the axis, of `places` voxels each.
+    through, what is emitted, and what is reflected of each of four steps of the light. Of the finer voxels, then of
+    the coarser ones: what they emit, the direction codes of those that reflect, int64 (n,), and how much of each step,
+    float64 (n, 4). A coarser voxel stands for so many `layers` along the axis, of `places` voxels each.
     """
+
+def reflected_in_steps(refl: Array, room: Array, step: float) -> Array:
+    """See level_light: float64 (n, channels) twice, (n, 4)."""
 
 class ReflectedLight:
     """What a level reflects of a light."""

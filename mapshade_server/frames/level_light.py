@@ -31,7 +31,6 @@ from volsplat.protocol.rules.level_gain import LEAST_PEAK, dilogarithm, footprin
 
 ROUNDED_TO = 1024  # so that processors that sum otherwise agree
 LEAST_FACTOR, GREATEST_FACTOR = 0.5, 2.0
-LEAST_COLOUR = 1e-9  # anything less reflects nothing
 LEAST_SHARE = 1.0 - 1e-9  # of what is to be reflected: where all colours are white, more light changes nothing
 DILOGARITHMS = 1024  # places at which it is known, with straight lines between
 LIGHT_STEPS, LIGHT_STEP = 4, 0.5  # there is no more light than of them all
@@ -65,12 +64,8 @@ def reflected_in_steps(refl: Colours, room: Colours) -> Numbers:
     All together they reflect min(refl * light, room), if the light or what takes a channel's room is so many whole
     steps, and nearly so between.
     """
-    reflected = np.zeros((LIGHT_STEPS, len(refl)))
-    for of_channel, left in zip(refl.T.copy(), room.T, strict=True):
-        steps = left / (LIGHT_STEP * np.maximum(of_channel, LEAST_COLOUR))
-        for step, total in enumerate(reflected):
-            total += of_channel * np.clip(steps - step, 0.0, 1.0)
-    return reflected.T / 3
+    of_channels, room_of_channels = np.ascontiguousarray(refl), np.ascontiguousarray(room)
+    return np.asarray(_kernels.reflected_in_steps(of_channels.data, room_of_channels.data, LIGHT_STEP))
 
 
 class Look(NamedTuple):
@@ -82,7 +77,9 @@ class Look(NamedTuple):
 
     def in_layers(self) -> Looks:
         """Of a depth that is still to be set."""
-        return np.column_stack((np.zeros((len(self.opacity), 2)), self.emitted, self.reflected))
+        looks = np.zeros((len(self.opacity), 3 + LIGHT_STEPS))
+        looks[:, 2], looks[:, 3:] = self.emitted, self.reflected
+        return looks
 
 
 class SeenLevel:
@@ -99,8 +96,8 @@ class SeenLevel:
         tables = [look.in_layers() for look in (finer, coarser)]
         for axis in range(3):
             for table, layer, level in zip(tables, layers, columns.levels, strict=True):
-                table[:, 0] = layer * (level.spacing[axis] / level.reference_spacing)
-                np.exp(-table[:, 0], out=table[:, 1])
+                depth = layer * (level.spacing[axis] / level.reference_spacing)
+                table[:, 0], table[:, 1] = depth, np.exp(-depth)
             for from_high in (False, True):
                 self._sides[axis, from_high] = columns.seen(axis, from_high, *tables)
 

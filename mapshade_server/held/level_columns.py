@@ -50,12 +50,6 @@ class Reflected(NamedTuple):
     codes: NDArray[np.int64]  # of the directions
     by_step: NDArray[np.float64]  # of the light, for each code: (n, 4)
 
-    @classmethod
-    def of_all(cls, by_code: NDArray[np.float64]) -> "Reflected":
-        """Of what is known of every code, (32768, 4), what is not nothing; there is no step without the first."""
-        codes = np.flatnonzero(by_code[:, 0])
-        return cls(codes, by_code[codes])
-
 
 class Seen(NamedTuple):
     """From one end of the columns along an axis, for as much of the level as there are columns."""
@@ -156,8 +150,9 @@ class LevelColumns:
         layers = self._factors[axis]
         places = math.prod(self._factors) // layers
         rows = self._rows[columns.begin : columns.end].data
-        *emitted, of_finer, of_coarser = _kernels.seen_in_columns(
+        of_levels = _kernels.seen_in_columns(
             rows, columns.depth, axis, from_high, layers, places, finer.data, coarser.data
         )
-        reflected = (Reflected.of_all(np.asarray(of_finer)), Reflected.of_all(np.asarray(of_coarser)))
-        return Seen((emitted[0], emitted[1]), reflected)
+        (finer_emitted, *of_finer), (coarser_emitted, *of_coarser) = of_levels
+        reflected = (Reflected(*map(np.asarray, of_finer)), Reflected(*map(np.asarray, of_coarser)))
+        return Seen((finer_emitted, coarser_emitted), reflected)

@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kApart = 0.25;         // of the finer light is that of columns for themselves
 constexpr double kHidden = 1.0 / 1024;  // as little as freezes a pixel
+constexpr double kLeastColour = 1e-9;   // anything less reflects nothing
 constexpr int kPlaces = 4;              // of a layer of eight voxels
 
 const VoxelLook kNothing{0.0, 1.0, 0.0, {}};
@@ -19,9 +20,13 @@ const VoxelLook kNothing{0.0, 1.0, 0.0, {}};
 // A table of what voxels look like, and the light that is seen of them.
 class Sight {
 public:
-    Sight(const VoxelLook* table, SeenLight& light) : table_(table), light_(light) {
-        light_.reflected.resize(kLightSteps * kDirectionCodes);
+    explicit Sight(const VoxelLook* table)
+        : table_(table), shows_(kPlaneEntries), reflected_(kLightSteps * kDirectionCodes) {
+        for (int entry = 0; entry < kPlaneEntries; ++entry) shows_[entry] = table[entry].depth != 0.0;
     }
+
+    // Whether anything is seen of a voxel: most columns are empty for the most part, and these bytes stay in the cache.
+    bool shows(std::uint32_t packet) const { return packet >> kNoDataBit == 0 && shows_[packet & (kPlaneEntries - 1)]; }
 
     const VoxelLook& of(std::uint32_t packet) const {
         return packet >> kNoDataBit == 0 ? table_[packet & (kPlaneEntries - 1)] : kNothing;
@@ -29,15 +34,28 @@ public:
 
     // So much of a voxel.
     void add(std::uint32_t packet, const VoxelLook& look, double part) {
-        light_.emitted += part * look.emitted;
-        double* const reflected =
-            light_.reflected.data() + kLightSteps * (packet >> kDirectionShift & (kDirectionCodes - 1));
+        emitted_ += part * look.emitted;
+        double* const reflected = reflected_.data() + kLightSteps * (packet >> kDirectionShift & (kDirectionCodes - 1));
         for (int step = 0; step < kLightSteps; ++step) reflected[step] += part * look.reflected[step];
+    }
+
+    // There is no step without the first.
+    SeenLight seen() const {
+        SeenLight all{emitted_, {}, {}};
+        for (int code = 0; code < kDirectionCodes; ++code) {
+            const double* const reflected = reflected_.data() + kLightSteps * code;
+            if (reflected[0] == 0.0) continue;
+            all.codes.push_back(code);
+            all.reflected.insert(all.reflected.end(), reflected, reflected + kLightSteps);
+        }
+        return all;
     }
 
 private:
     const VoxelLook* table_;
-    SeenLight& light_;
+    std::vector<std::uint8_t> shows_;
+    double emitted_ = 0.0;
+    std::vector<double> reflected_;  // kLightSteps to a direction code
 };
 
 // What is left of the light behind the coarser level's voxels of a column.
@@ -107,8 +125,7 @@ private:
 }  // namespace
 
 SeenOfLevels seen_in_columns(const ColumnView& view, const VoxelLook* finer, const VoxelLook* coarser) {
-    SeenOfLevels seen;
-    Sight fine_sight(finer, seen.finer), coarse_sight(coarser, seen.coarser);
+    Sight fine_sight(finer), coarse_sight(coarser);
     FinerColumn fine(fine_sight, view.places);
     CoarserColumn coarse(coarse_sight, view.layers * view.places);
     for (std::size_t column = 0; column < view.columns; ++column) {
@@ -117,7 +134,10 @@ SeenOfLevels seen_in_columns(const ColumnView& view, const VoxelLook* finer, con
         for (std::size_t n = 0; n < view.depth && (fine.through() > kHidden || coarse.through() > kHidden); ++n) {
             const std::size_t at = view.from_high ? view.depth - 1 - n : n;
             const std::uint32_t* const row = view.rows + (column * view.depth + at) * ColumnView::kRow;
-            coarse.row(row);
+            if (coarse_sight.shows(*row)) coarse.row(row);
+            bool shows = false;
+            for (int child = 1; child < ColumnView::kRow; ++child) shows |= fine_sight.shows(row[child]);
+            if (!shows) continue;
             for (int layer = 0; layer < 2; ++layer) {
                 const int side = view.from_high ? 1 - layer : layer;
                 std::uint32_t packets[kPlaces];
@@ -127,7 +147,20 @@ SeenOfLevels seen_in_columns(const ColumnView& view, const VoxelLook* finer, con
             }
         }
     }
-    return seen;
+    return {fine_sight.seen(), coarse_sight.seen()};
+}
+
+std::vector<double> reflected_in_steps(const double* refl, const double* room, std::size_t n, int channels,
+                                       double step) {
+    std::vector<double> reflected(kLightSteps * n);
+    for (std::size_t voxel = 0; voxel < n; ++voxel)
+        for (int channel = 0; channel < channels; ++channel) {
+            const std::size_t at = channels * voxel + channel;
+            const double part = refl[at] / channels, steps = room[at] / (step * std::max(refl[at], kLeastColour));
+            for (int number = 0; number < kLightSteps; ++number)
+                reflected[kLightSteps * voxel + number] += part * std::clamp(steps - number, 0.0, 1.0);
+        }
+    return reflected;
 }
 
 }  // namespace volsplat

@@ -33,7 +33,8 @@ static_assert(sizeof(VoxelLook) == kLookNumbers * sizeof(double));
 
 struct SeenLight {
     double emitted = 0.0;
-    std::vector<double> reflected;  // kLightSteps to a direction code
+    std::vector<std::int64_t> codes;  // the directions of which something is reflected
+    std::vector<double> reflected;    // kLightSteps of each
 };
 
 struct SeenOfLevels {
@@ -44,5 +45,10 @@ struct SeenOfLevels {
 // footprints blur a level's means less far beyond their rims than layers alone would say.
 // Sums are taken in one order.
 SeenOfLevels seen_in_columns(const ColumnView& columns, const VoxelLook* finer, const VoxelLook* coarser);
+
+// What voxels reflect of each step of the light, so large a step, if they reflect so much of it in each channel and
+// have so much room there: the mean of the channels, kLightSteps of each of n voxels; see level_light.
+std::vector<double> reflected_in_steps(const double* refl, const double* room, std::size_t n, int channels,
+                                       double step);
 
 }  // namespace volsplat

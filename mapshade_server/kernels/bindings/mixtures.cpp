@@ -70,6 +70,13 @@ void check_columns(const Rows& rows, std::size_t depth, const Table& finer, cons
 
 const VoxelLook* looks_of(const Table& table) { return reinterpret_cast<const VoxelLook*>(table.data()); }
 
+// What is emitted, the directions of which something is reflected, and how much.
+nb::tuple python_seen(SeenLight seen) {
+    const std::size_t n = seen.codes.size();
+    return nb::make_tuple(seen.emitted, owned_array(std::move(seen.codes), n),
+                          owned_array(std::move(seen.reflected), n, kLightSteps));
+}
+
 nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis, bool from_high, int layers, int places,
                                   const Table& finer, const Table& coarser) {
     check_columns(rows, depth, finer, coarser);
@@ -79,9 +86,14 @@ nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis,
         nb::gil_scoped_release unlocked;
         seen = seen_in_columns(view, looks_of(finer), looks_of(coarser));
     }
-    return nb::make_tuple(seen.finer.emitted, seen.coarser.emitted,
-                          owned_array(std::move(seen.finer.reflected), kDirectionCodes, kLightSteps),
-                          owned_array(std::move(seen.coarser.reflected), kDirectionCodes, kLightSteps));
+    return nb::make_tuple(python_seen(std::move(seen.finer)), python_seen(std::move(seen.coarser)));
+}
+
+nb::object python_reflected_in_steps(const Table& refl, const Table& room, double step) {
+    if (refl.shape(0) != room.shape(0) || refl.shape(1) != room.shape(1))
+        throw std::invalid_argument("each channel that is reflected has room");
+    auto reflected = reflected_in_steps(refl.data(), room.data(), refl.shape(0), static_cast<int>(refl.shape(1)), step);
+    return owned_array(std::move(reflected), refl.shape(0), kLightSteps);
 }
 
 using LightOfCodes = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -146,6 +158,7 @@ void bind_mixtures(nb::module_& m) {
         "table"_a);
     m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "depth"_a, "axis"_a, "from_high"_a, "layers"_a,
           "places"_a, "finer"_a, "coarser"_a);
+    m.def("reflected_in_steps", &python_reflected_in_steps, "refl"_a, "room"_a, "step"_a);
     nb::class_<ReflectedLight>(m, "ReflectedLight")
         .def("__init__", &make_reflected_light, "light"_a, "step"_a)
         .def("add", &add_side, "area"_a, "codes"_a, "by_step"_a)
