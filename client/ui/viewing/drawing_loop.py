@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -50,7 +51,8 @@ class DrawingLoop:
         self._show = show
         self._tell = tell
         self._is_watched = is_watched
-        self._shown: Picture | None = None  # the newest whose step is finished
+        self.first: Future[Picture] = Future()  # whose step is finished
+        self._shown: Picture | None = None  # the newest such
         self._number = 0
         self._drawn_revision = 0
         self._drawing = False
@@ -62,7 +64,9 @@ class DrawingLoop:
         self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
 
     def start(self) -> None:
-        self._thread.start()
+        """Safe to call twice."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def close(self) -> None:
         """End what is drawn and the thread; a frame whose server answers no more ends with the session."""
@@ -231,6 +235,8 @@ class DrawingLoop:
             self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         if refinement.complete:
             self._shown = picture
+            if not self.first.done():
+                self.first.set_result(picture)
         self._show(picture)
 
 
