@@ -8,6 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,7 @@ def density_histogram(survey: Survey, counts: list[int], window: tuple[float, fl
     return DensityHistogram(window, summed_by_byte((values - low) * scale, counts))
 
 
-def summed_by_byte(places: NDArray[np.float64], counts: Sequence[int]) -> tuple[int, ...]:
+def summed_by_byte(places: NDArray[np.floating[Any]], counts: Sequence[int]) -> tuple[int, ...]:
     """The counts of all bins whose places, from 0 to 255, become the same byte."""
     sums = np.zeros(TABLE_ENTRIES, np.int64)
     np.add.at(sums, (np.clip(places, 0.0, LAST) + 0.5).astype(np.intp), counts)
