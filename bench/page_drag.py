@@ -52,14 +52,11 @@ _SEEN = """() => {
     return [copy.width, copy.height, btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""))];
 }"""
 _STREAMED = "() => window.volsplatViewport?.log.length > 0"
-# Milliseconds since 1970: when the page's own image was painted, and the first picture drawn.
-_STARTED = """() => new Promise((resolve) => {
-    const streamed = performance.timeOrigin + window.volsplatViewport.log[0].shownAt;
-    const tell = (seen) => resolve([Math.min(seen, streamed), streamed]);
-    new PerformanceObserver((list) => tell(performance.timeOrigin + list.getEntries()[0].renderTime))
-        .observe({ type: "element", buffered: true });
-    setTimeout(() => tell(Infinity), 500); // it was never painted
-})"""
+# Milliseconds since 1970: when a page's own image was painted, and when the viewport drew its first picture.
+_PAINTED = """new PerformanceObserver((list) => {
+    for (const { renderTime } of list.getEntries()) volsplatPainted(performance.timeOrigin + renderTime);
+}).observe({ type: "element", buffered: true });"""
+_STARTED = "() => performance.timeOrigin + window.volsplatViewport.log[0].shownAt"
 _CAUGHT_UP = """() => {
     const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);
     return sent && shown && shown.event >= sent.event;
@@ -69,7 +66,7 @@ _CAUGHT_UP = """() => {
 class Start(NamedTuple):
     """Seconds from the command to pictures on the screen."""
 
-    seen: float  # the page's own image
+    seen: float  # on the page that is waited on, or on the page itself
     streamed: float  # the viewport's first
 
 
@@ -131,11 +128,15 @@ class Drag:
         return statistics.median(late[-third:]) - statistics.median(late[:third])
 
 
-def started(tab: Page, began: float) -> Start:
-    """How long it took from `began`, by time.time(), to the first pictures of a page that is being loaded."""
+def started(tab: Page, address: str, began: float) -> Start:
+    """How long it took from `began`, by time.time(), to the first pictures of the page at the address, now loaded."""
+    painted: list[float] = []
+    tab.expose_function("volsplatPainted", lambda at: painted.append(at))
+    tab.add_init_script(_PAINTED)
+    tab.goto(address)
     tab.wait_for_function(_STREAMED, timeout=PAGE_WAIT)
-    seen, streamed = tab.evaluate(_STARTED)
-    return Start(seen / 1e3 - began, streamed / 1e3 - began)
+    streamed = tab.evaluate(_STARTED)
+    return Start(min([*painted, streamed]) / 1e3 - began, streamed / 1e3 - began)
 
 
 def show_in(tab: Page, side: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 import statistics
@@ -12,6 +13,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from shlex import quote
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
@@ -38,7 +41,11 @@ WARM_UP_MOVES = 180
 SHORT_MOVES, MORE_ENDS = 60, 4  # drags at whose end it is seen how like a moving picture is
 IMAGE = 512
 GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, likeness 0.9, nothing stale."
-_ADDRESS = re.compile(r"http://\S+token=\S+")
+_BROWSER = """#!/bin/sh
+cat "${{1#file://}}" > {opened}.part && mv {opened}.part {opened}
+"""
+_LOOK_SECONDS = 0.005  # between looks at whether the browser was opened
+_ADDRESS = re.compile(r"http://[^\"\s]+token=[\w-]+")
 
 
 @helped("volsplat bench page head.nrrd", "volsplat bench page head.nrrd --link 20,40")
@@ -66,8 +73,7 @@ def page(
     subject = subject_of(volume, phantom, None, None, None)
     with PlainConsole(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
         with _tab() as tab, _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
-            tab.goto(reached)
-            start = started(tab, began)
+            start = started(tab, reached, began)
             show_in(tab, IMAGE)
             status.update("dragging, to warm up")
             dragged(tab, WARM_UP_MOVES)
@@ -106,33 +112,34 @@ def page(
 
 @contextmanager
 def _viewed(path: str, workers: int) -> Iterator[tuple[str, float]]:
-    """The address of a page that `volsplat view` serves, and when the command began, by time.time()."""
-    command = [
-        str(Path(sys.executable).with_name("volsplat")),
-        "view",
-        str(path),
-        "--workers",
-        str(workers),
-        "--no-browser",
-    ]
-    began = time.time()
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        try:
-            yield _address(process), began
-        finally:
-            process.terminate()
-            process.stderr.read()
+    """The address that `volsplat view` opens the browser at, and when the command began, by time.time()."""
+    command = [str(Path(sys.executable).with_name("volsplat")), "view", str(path), "--workers", str(workers)]
+    with TemporaryDirectory() as folder:
+        browser, opened = Path(folder, "browser"), Path(folder, "opened")
+        browser.write_text(_BROWSER.format(opened=quote(str(opened))), "utf-8")
+        browser.chmod(0o700)
+        began = time.time()
+        with subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, env=os.environ | {"BROWSER": f"{quote(str(browser))} %s"}
+        ) as process:
+            assert process.stderr is not None
+            try:
+                yield _address(process, opened), began
+            finally:
+                process.terminate()
+                process.stderr.read()
 
 
-def _address(process: subprocess.Popen[str]) -> str:
+def _address(process: subprocess.Popen[str], opened: Path) -> str:
+    """Where the page that the browser opens leads to."""
     assert process.stderr is not None
-    said = ""
-    for line in process.stderr:
-        said += line
-        if found := _ADDRESS.search(line):
-            return found[0]
-    raise VolsplatError(f"`volsplat view` ended: {said.strip()}")
+    while not opened.exists():
+        if process.poll() is not None:
+            raise VolsplatError(f"`volsplat view` ended: {process.stderr.read().strip()}")
+        time.sleep(_LOOK_SECONDS)
+    found = _ADDRESS.search(opened.read_text("utf-8"))
+    assert found is not None, "the browser is led to the page"
+    return found[0]
 
 
 @contextmanager

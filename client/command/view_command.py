@@ -161,6 +161,12 @@ def _serve(
         from volsplat.client.ui.application import Application
         from volsplat.client.ui.opening.start_page import start_page
         from volsplat.client.ui.page import page
+        from volsplat.client.ui.viewport.early_picture import show_first
+
+    if shown.viewing is not None:
+        if tab is not None:
+            show_first(shown.viewing, tab.show)
+        shown.viewing.loop.start()
 
     def build() -> None:
         if shown.viewing is not None:
@@ -174,8 +180,6 @@ def _serve(
         what = "volsplat" if shown.viewing is None else shown.viewing.volume.description.name
         for line in (f"{what} is at", "", f"    {address.url}", ""):
             console.say(line)
-        if tab is not None:
-            tab.open()
 
     if tab is not None:
         tab.make_room()

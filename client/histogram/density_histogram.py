@@ -5,8 +5,13 @@ Positions are those of tables: 0 is byte 0, 1 is byte 255.
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.protocol.description.scene import TABLE_ENTRIES
 from volsplat.protocol.rules.index_rules import Survey
@@ -87,12 +92,15 @@ def density_histogram(survey: Survey, counts: list[int], window: tuple[float, fl
     if math.isinf(scale):
         raise BadInput(f"the values differ by no more than {high - low:g}, too little to tell apart; scale them up")
     width = (survey.high - survey.low) / len(counts)
-    result = [0] * TABLE_ENTRIES
-    for n, count in enumerate(counts):
-        if count:
-            value = survey.low + (n + 0.5) * width
-            result[math.floor(min(max((value - low) * scale, 0.0), LAST) + 0.5)] += count
-    return DensityHistogram(window, tuple(result))
+    values = survey.low + (np.arange(len(counts)) + 0.5) * width
+    return DensityHistogram(window, summed_by_byte((values - low) * scale, counts))
+
+
+def summed_by_byte(places: NDArray[np.floating[Any]], counts: Sequence[int]) -> tuple[int, ...]:
+    """The counts of all bins whose places, from 0 to 255, become the same byte."""
+    sums = np.zeros(TABLE_ENTRIES, np.int64)
+    np.add.at(sums, (np.clip(places, 0.0, LAST) + 0.5).astype(np.intp), counts)
+    return tuple(sums.tolist())
 
 
 def window_of_shares(survey: Survey, counts: list[int], low: float, high: float) -> tuple[float, float]:

@@ -31,8 +31,6 @@ def show_page(session: Session, scene: Scene, port: int, browser: bool, grace: f
 
             def ready() -> None:
                 print(f"{name} is at {address.url}", flush=True)
-                if tab is not None:
-                    tab.open()
 
             if tab is not None:
                 tab.make_room()

@@ -26,7 +26,7 @@ from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
 from volsplat.client.ui.doors.script_bundle import BUNDLES_PATH, ScriptBundles
 from volsplat.client.ui.doors.static_files import STATIC
-from volsplat.client.ui.doors.waiting_page import WAITING_PATH
+from volsplat.client.ui.doors.waiting_page import EARLY_PATH, WAITING_PATH
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.viewing.saving import (
     LARGEST_UPLOAD,
@@ -35,7 +35,7 @@ from volsplat.client.ui.viewing.saving import (
     check_link_is_of,
     scene_from_link,
 )
-from volsplat.client.ui.viewport.early_picture import EARLY_PATH, early_image
+from volsplat.client.ui.viewport.early_picture import early_image
 from volsplat.client.ui.viewport.viewport_link import serve_viewport, turn_away
 from volsplat.protocol.text.errors import BadInput
 

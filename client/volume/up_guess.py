@@ -6,9 +6,11 @@ margin about it changes nothing, and if both ends are alike nothing is guessed.
 """
 
 import math
-from collections import Counter
 from itertools import product
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.client.histogram.density_histogram import LAST, otsu_byte
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims
@@ -59,58 +61,39 @@ def guessed_up(geometry: Geometry, extremes: BlockExtremes) -> Up | None:
 
 def _layers(extremes: BlockExtremes, dims: tuple[int, int, int], axis: int) -> list[int]:
     """How many blocks of each layer across an axis have something in them."""
-    there = _object_blocks(extremes, dims)
-    counts = [0] * dims[axis]
-    below = math.prod(dims[:axis])
-    for block in there:
-        counts[block // below % dims[axis]] += 1
-    return counts
+    across = tuple(n for n in range(3) if n != 2 - axis)
+    return [int(count) for count in _objects(extremes, dims).sum(axis=across)]
 
 
-def _object_blocks(extremes: BlockExtremes, dims: tuple[int, int, int]) -> list[int]:
-    """The blocks in which something is, wherever the volume's margin is empty of it."""
-    margins = _margins(extremes, dims)
-    greatest = {
-        n: high
-        for n, (low, high) in enumerate(zip(extremes.least, extremes.greatest, strict=True))
-        if low <= high and high not in margins
-    }
-    if not greatest:
-        return []
-    edge = _edge(sorted(greatest.values()))
-    return [n for n, value in greatest.items() if value > edge]
+def _objects(extremes: BlockExtremes, dims: tuple[int, int, int]) -> NDArray[np.bool_]:
+    """Of each block, shaped (k, j, i), whether something is in it, wherever the volume's margin is empty of it."""
+    least, greatest = (np.array(values).reshape(dims[::-1]) for values in extremes)
+    known = (least <= greatest) & ~np.isin(greatest, _margins(greatest))
+    return known & (greatest > _edge(np.sort(greatest[known]))) if known.any() else known
 
 
-def _margins(extremes: BlockExtremes, dims: tuple[int, int, int]) -> set[float]:
+def _margins(greatest: NDArray[np.float64]) -> list[float]:
     """What most blocks of an outer face have as their greatest value: clipped air, or what somebody filled up with."""
-    strides = (1, dims[0], dims[0] * dims[1])
-    margins = set()
-    for axis in range(3):
-        across, along = (n for n in range(3) if n != axis)
-        for end in (0, dims[axis] - 1):
-            first = end * strides[axis]
-            places = product(range(dims[across]), range(dims[along]))
-            face = [extremes.greatest[first + a * strides[across] + b * strides[along]] for a, b in places]
-            value, count = Counter(face).most_common(1)[0]
-            if 2 * count > len(face):
-                margins.add(value)
+    margins = []
+    for axis, end in product(range(3), (0, -1)):
+        values, counts = np.unique(greatest.take(end, axis), return_counts=True)
+        if 2 * counts.max() > counts.sum():
+            margins.append(float(values[counts.argmax()]))
     return margins
 
 
-def _edge(values: list[float]) -> float:
-    """The value above which something is, by Otsu's split of what is empty from what is full."""
+def _edge(values: NDArray[np.float64]) -> float:
+    """The value above which something is, of values in order: by Otsu's split of what is empty from what is full."""
     clipped = math.floor(CLIPPED * len(values))
-    low, high = values[clipped], values[-1 - clipped]
+    low, high = float(values[clipped]), float(values[-1 - clipped])
     width = (high - low) / (LAST + 1)
     if width <= 0.0:  # all that is no margin is of one value
         return -math.inf
-    counts = [0.0] * (LAST + 1)
-    for value in values:
-        counts[min(max(math.floor((value - low) / width), 0), LAST)] += 1
-    split = low + (otsu_byte(counts) + 1) * width
-    empty = [min(max(value, low), high) for value in values if value < split]
-    full = [min(value, high) for value in values if value >= split]
-    if not empty or not full:
+    bins = np.clip((values - low) / width, 0, LAST).astype(np.intp)
+    split = low + (otsu_byte(np.bincount(bins, minlength=LAST + 1).astype(float).tolist()) + 1) * width
+    within = np.clip(values, low, high)
+    empty, full = within[values < split], within[values >= split]
+    if not empty.size or not full.size:
         return -math.inf
-    below, above = math.fsum(empty) / len(empty), math.fsum(full) / len(full)
+    below, above = (math.fsum(part.tolist()) / part.size for part in (empty, full))
     return below + OBJECT * (above - below)

@@ -4,9 +4,11 @@ Of a block the least and the greatest value are known (protocol/description/bloc
 densities between them that are seen is what it shows.
 """
 
-from collections.abc import Iterator, Sequence
-from itertools import accumulate, product
+from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
@@ -15,13 +17,11 @@ from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.rules.index_rules import Quantisation
 
 
-class BlockRow(NamedTuple):
-    """Blocks along i."""
+class BlockShares(NamedTuple):
+    """Of the blocks that some bounds reach."""
 
-    j: int
-    k: int
-    first: int  # block
-    shares: list[float]  # of what each may show, 0 to 1
+    first: Index  # block along i, j, k
+    shares: NDArray[np.float64]  # of what each may show, 0 to 1, shaped (k, j, i)
 
 
 def opacities(scene: Scene) -> list[float] | None:
@@ -36,24 +36,21 @@ def opacities(scene: Scene) -> list[float] | None:
     return list(entries)
 
 
-def block_rows(
+def block_shares(
     seen: Sequence[bool], dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
-) -> Iterator[BlockRow]:
-    """The blocks that the bounds reach. `seen` tells of each density byte whether it is."""
-    ni, nj, _ = block_dims(dims)
-    ranges = [range(low // step, -(-high // step)) for low, high, step in zip(*bounds, block_size(dims), strict=True)]
-    up_to = list(accumulate(map(int, seen), initial=0))
+) -> BlockShares:
+    """Of the blocks that the bounds reach. `seen` tells of each density byte whether it is."""
     low, scale = quantisation.window[0], quantisation.density_scale
+    size = block_size(dims)
+    reached = tuple(slice(a // step, -(-b // step)) for a, b, step in zip(*bounds, size, strict=True))
+    least, greatest = (np.array(values).reshape(block_dims(dims)[::-1])[reached[::-1]] for values in extremes)
+    empty = least > greatest
 
-    def entry(value: float) -> int:
-        return int(min(max((value - low) * scale, 0.0), TABLE_ENTRIES - 1) + 0.5)
+    def entries(values: NDArray[np.float64]) -> NDArray[np.intp]:
+        bytes_ = np.clip((np.where(empty, low, values) - low) * scale, 0.0, TABLE_ENTRIES - 1)
+        return (bytes_ + 0.5).astype(np.intp)
 
-    def share(least: float, greatest: float) -> float:
-        if least > greatest:
-            return 0.0
-        first, last = entry(least), entry(greatest)
-        return (up_to[last + 1] - up_to[first]) / (last + 1 - first)
-
-    for k, j in product(ranges[2], ranges[1]):
-        row = slice(ranges[0].start + ni * (j + nj * k), ranges[0].stop + ni * (j + nj * k))
-        yield BlockRow(j, k, ranges[0].start, list(map(share, extremes.least[row], extremes.greatest[row])))
+    first, last = entries(least), entries(greatest)
+    up_to = np.concatenate(([0], np.cumsum(seen)))
+    shares = (up_to[last + 1] - up_to[first]) / (last + 1 - first)
+    return BlockShares((reached[0].start, reached[1].start, reached[2].start), np.where(empty, 0.0, shares))

@@ -7,9 +7,11 @@ is turned.
 
 from itertools import product
 
+import numpy as np
+
 from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.enclosing_ball import Ball, enclosing_ball, squared_distances
-from volsplat.client.volume.visible_blocks import block_rows, opacities
+from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
 from volsplat.protocol.description.volume import Box, Geometry, Index
@@ -70,12 +72,10 @@ def _visible_rows(
     scene: Scene, dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
 ) -> dict[Row, int]:
     """The visible blocks of each row along i as the bits of a number, block 0 lowest; rows without any are left out."""
-    rows: dict[Row, int] = {}
-    for row in block_rows(_seen(scene), dims, bounds, quantisation, extremes):
-        bits = sum(1 << n for n, share in enumerate(row.shares, row.first) if share)
-        if bits:
-            rows[row.j, row.k] = bits
-    return rows
+    (i, j, k), shares = block_shares(_seen(scene), dims, bounds, quantisation, extremes)
+    rows = np.packbits(shares > 0.0, axis=2, bitorder="little")
+    visible = np.argwhere(rows.any(axis=2)).tolist()
+    return {(j + dj, k + dk): int.from_bytes(rows[dk, dj].tobytes(), "little") << i for dk, dj in visible}
 
 
 def _seen(scene: Scene) -> list[bool]:

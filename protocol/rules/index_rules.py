@@ -17,6 +17,8 @@ largest is 15, rounded half away from zero. Directions are in physical space and
 """
 
 import math
+from bisect import bisect_left, bisect_right
+from itertools import accumulate
 from typing import Literal
 
 import msgspec
@@ -115,13 +117,10 @@ class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def percentile(counts: list[int], low: float, high: float, fraction: float) -> float:
     """The value below which `fraction` of the counts lie; bins split low..high evenly, the upper edge is returned."""
-    wanted = fraction * sum(counts)
-    seen = 0
-    for n, count in enumerate(counts):
-        seen += count
-        if count and seen >= wanted:
-            return low + (high - low) * ((n + 1) / len(counts))
-    return high
+    up_to = list(accumulate(counts))
+    wanted = fraction * up_to[-1] if up_to else 0.0
+    reached = bisect_left(up_to, wanted) if wanted > 0.0 else bisect_right(up_to, 0)
+    return low + (high - low) * ((reached + 1) / len(counts)) if reached < len(counts) else high
 
 
 def density_window(

@@ -37,6 +37,7 @@ MAY_USE = {
     "client/session/published_image.py": {ALWAYS, "torch"},  # a tensor for whoever asks for one
     "client/slices/volume_slice.py": {ALWAYS, "torch"},  # likewise
     "client/ui": {ALWAYS, "ui"},
+    "client/ui/lean_nicegui.py": {ALWAYS, "ui", "pydantic"},  # which fastapi brings
     "client/ui/notebook_widget.py": {ALWAYS, "notebook"},
     "bench": {ALWAYS, "bench", "torch"},
 }

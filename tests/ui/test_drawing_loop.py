@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,10 +17,12 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing import drawing_loop
+from volsplat.client.ui.viewing import picture as picture_of_loop
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
 from volsplat.client.ui.viewport.viewport_messages import picture_message
@@ -27,6 +30,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.errors import VolsplatError
 
+PNG = b"\x89PNG"
 SIDE = 400  # pixels: of which half is enough for a smaller image
 
 
@@ -132,3 +136,26 @@ def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: 
     drawn.zoom_by(1.1, settled=True)  # ends the rest
     steps = {picture.step for picture in drawn.last()}
     assert {Step.F, Step.G} <= steps
+
+
+def test_pictures_are_encoded_before_they_are_shown_unless_nobody_watches(
+    drawn: Drawn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encodings: list[bool] = []
+
+    def noted(*args: Any, lossless: bool, **options: Any) -> bytes:
+        encodings.append(lossless)
+        return encoded(*args, lossless=lossless, **options)
+
+    monkeypatch.setattr(picture_of_loop, "encoded", noted)
+    monkeypatch.setattr(drawn.loop, "_is_watched", lambda: False)
+    drawn.zoom_by(1.1, settled=True)
+    unwatched = drawn.last()
+    assert not encodings
+    assert unwatched[-1].data.startswith(PNG) and unwatched[-1].data.startswith(PNG)
+    assert encodings == [True]
+
+    monkeypatch.setattr(drawn.loop, "_is_watched", lambda: True)
+    drawn.zoom_by(1.1, settled=True)
+    watched = len(drawn.last())
+    assert encodings[1:] == [False] * (watched - 1) + [True]

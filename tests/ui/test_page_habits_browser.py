@@ -329,3 +329,19 @@ def test_a_panel_is_resized_by_its_edge_also_by_keys_and_after_loading_anew(page
 def test_cells_of_the_cross_bar_are_large_enough_for_a_finger(page: Page) -> None:
     sizes = [box(cell) for cell in page.locator(".vs-wires input").all()]
     assert len(sizes) == 44 and all(size["width"] >= 24 and size["height"] >= 24 for size in sizes)
+
+
+@pytest.mark.parametrize("width", [1280, 1920, 3840])
+def test_no_row_of_buttons_is_cut_off_and_what_the_head_says_is_as_large_as_all_else(page: Page, width: int) -> None:
+    page.set_viewport_size({"width": width, "height": width * 9 // 16})
+    cut_off = page.evaluate(
+        """() => [...document.querySelectorAll(".vs-buttons, .vs-toggle")]
+            .filter((row) => row.scrollWidth > row.clientWidth).map((row) => row.textContent)"""
+    )
+    assert cut_off == []
+    page.get_by_role("button", name="light or dark").hover()
+    tooltip = page.locator(".q-tooltip")
+    tooltip.wait_for()
+    save = page.get_by_role("button", name="save", exact=True)
+    size = "(part) => getComputedStyle(part).fontSize"
+    assert [part.evaluate(size) for part in (tooltip, save)] == [page.locator("body").evaluate(size)] * 2

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 import signal
+import socket
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image as PillowImage
 from playwright.sync_api import Page
 
 from support.pages import patient_http
@@ -17,6 +20,8 @@ from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.doors.page_address import PageAddress
+from volsplat.client.ui.doors.waiting_page import WaitingPage
 
 __all__ = ["browser", "browser_page"]
 
@@ -96,6 +101,30 @@ def test_the_browser_tells_what_is_waited_for_and_then_shows_the_page(person: Pe
         view.communicate()
 
 
+def test_the_first_picture_is_shown_in_its_place_and_to_who_asked_before_the_end(browser_page: Page) -> None:
+    out = io.BytesIO()
+    PillowImage.new("RGB", (64, 64), (200, 40, 40)).save(out, "JPEG")
+    with socket.create_server(("127.0.0.1", 0)) as bound:
+        address = PageAddress(bound)
+        waiting = WaitingPage(address, "head")
+        waiting.start()
+        browser_page.goto(address.url)
+        browser_page.get_by_text("starting").wait_for()
+        image = browser_page.locator(".vs-early img")
+        assert not image.is_visible()
+        waiting.say("reading")
+        browser_page.get_by_text("reading").wait_for()
+        waiting.close()
+        waiting.show(out.getvalue())
+        image.wait_for()
+        box, place = image.bounding_box(), browser_page.locator(".vs-view").bounding_box()
+        assert box is not None and place is not None
+        assert all(abs(box[side] - place[side]) <= 8 for side in ("x", "y", "width", "height"))
+        shown = PillowImage.open(io.BytesIO(image.screenshot())).convert("RGB")
+        red, green, blue = shown.getpixel((shown.width // 2, shown.height // 2))  # type: ignore[misc]
+        assert red > 150 and green < 90 and blue < 90
+
+
 def test_nothing_is_told_without_the_token_and_ctrl_c_ends_it(person: Person, browser_page: Page) -> None:
     words, _ = listening(person)
     view = person.starts(*words)
@@ -104,7 +133,7 @@ def test_nothing_is_told_without_the_token_and_ctrl_c_ends_it(person: Person, br
         browser_page.goto(address)
         browser_page.get_by_text("waiting for servers").wait_for()
         bare = browser_page.url
-        for url in (bare, f"{bare}waiting", f"{bare}?token=wrong", f"{bare}waiting?token="):
+        for url in (bare, f"{bare}waiting", f"{bare}early", f"{bare}?token=wrong", f"{bare}waiting?token="):
             refused = patient_http.get(url)
             assert refused.status_code == 403 and "waiting for" not in refused.text
         view.send_signal(signal.SIGINT)

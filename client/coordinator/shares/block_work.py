@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.client.volume.visible_blocks import block_rows, opacities
+from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import block_dims, block_size
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
 from volsplat.protocol.description.volume import Box, Index
@@ -31,8 +31,9 @@ class BlockWork:
         seen = [True] * TABLE_ENTRIES if known is None else [opacity > 0.0 for opacity in known]
         bounds, quantisation = resolved_bounds(scene, geometry), volume.quantisation(scene.quantise)
         work = np.full(block_dims(geometry.dims)[::-1], 1.0 / VOXELS_OF_A_PACKET)
-        for j, k, first, shares in block_rows(seen, geometry.dims, bounds, quantisation, volume.extremes):
-            work[k, j, first : first + len(shares)] += shares
+        (i, j, k), shares = block_shares(seen, geometry.dims, bounds, quantisation, volume.extremes)
+        nk, nj, ni = shares.shape
+        work[k : k + nk, j : j + nj, i : i + ni] += shares
         return cls(geometry.dims, work)
 
     def along(self, box: Box, axis: int) -> list[Layer]:

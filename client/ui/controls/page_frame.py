@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 from nicegui import ui
 
 from volsplat.client.ui.controls.kept_events import KeptEvents
-from volsplat.client.ui.doors.static_files import STATIC
-
-STYLES = ("theme.css", "page.css")
+from volsplat.client.ui.doors.static_files import frame_styles
 
 
 def page_frame(title: str) -> None:
     """Add what no eye sees, and name the page."""
-    for style in STYLES:
-        ui.add_head_html(f"<style>{_text(style)}</style>")
+    ui.add_head_html(f"<style>{frame_styles()}</style>")
     ui.page_title(f"{title} – volsplat")
     ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
     KeptEvents()
-
-
-@cache
-def _text(style: str) -> str:
-    return (STATIC / style).read_text("utf-8")
 
 
 def theme_button() -> None:

@@ -1,4 +1,4 @@
-"""The person's browser, opened once: early if the volume takes a while, else when the page is there."""
+"""The person's browser, opened at once: it starts, and shows what is being done, while the volume is read."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.redirect_file import RedirectFile
 from volsplat.client.ui.doors.waiting_page import WaitingPage
 
-OPEN_AFTER_SECONDS = 1.0
-
 
 class BrowserTab:
     """Shows a waiting page from when it is entered until `make_room`."""
@@ -23,31 +21,27 @@ class BrowserTab:
         self._address = address
         self._redirect: RedirectFile | None = None
         self._waiting = WaitingPage(address, name)
-        self._timer = threading.Timer(OPEN_AFTER_SECONDS, self.open)
-        self._timer.daemon = True
-        self._lock = threading.Lock()  # guards what follows
-        self._opened = False  # or never to be
 
     def say(self, line: str) -> None:
         """Tell what is being done while the volume is not there, from any thread."""
-        self._waiting.line = line
+        self._waiting.say(line)
+
+    def show(self, picture: bytes) -> None:
+        """Show the first picture, as JPEG, from any thread."""
+        self._waiting.show(picture)
 
     def make_room(self) -> None:
         """Leave the address to the page itself."""
         self._waiting.close()
 
     def open(self) -> None:
-        """Open it, if it is not open yet."""
-        with self._lock:
-            if self._opened:
-                return
-            self._opened = True
-            try:
-                redirect = self._redirect = RedirectFile(self._address.url_for_once(self._remove_redirect))
-            except OSError as error:  # the disk is full, say
-                click.echo(f"no browser is opened ({error.strerror or error}); open {self._address.url}", err=True)
-                return
-        webbrowser.open(redirect.address)
+        try:
+            redirect = self._redirect = RedirectFile(self._address.url_for_once(self._remove_redirect))
+        except OSError as error:  # the disk is full, say
+            click.echo(f"no browser is opened ({error.strerror or error}); open {self._address.url}", err=True)
+            return
+        # Some browsers keep who opens them waiting.
+        threading.Thread(target=webbrowser.open, args=(redirect.address,), name="open the browser", daemon=True).start()
 
     def _remove_redirect(self) -> None:
         if self._redirect is not None:
@@ -56,14 +50,11 @@ class BrowserTab:
     def __enter__(self) -> BrowserTab:
         at_abrupt_end(self._remove_redirect)
         self._waiting.start()
-        self._timer.start()
+        self.open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._timer.cancel()
         self._waiting.close()
-        with self._lock:
-            self._opened = True
         self._remove_redirect()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
+import numpy as np
 
+from volsplat.client.histogram.density_histogram import summed_by_byte
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Quantise
-
-LAST = TABLE_ENTRIES - 1
+from volsplat.protocol.description.scene import Field, Quantise
 
 
 def strength_counts(volume: SurveyedVolume) -> tuple[int, ...]:
@@ -15,11 +14,7 @@ def strength_counts(volume: SurveyedVolume) -> tuple[int, ...]:
     counts = volume.strength_counts
     low, high = volume.strength_range
     scale_of_bins = (high - low) / len(counts) * volume.strength_scale
-    result = [0] * TABLE_ENTRIES
-    for n, count in enumerate(counts):
-        if count:
-            result[math.floor(min((n + 0.5) * scale_of_bins, LAST) + 0.5)] += count
-    return tuple(result)
+    return summed_by_byte((np.arange(len(counts)) + 0.5) * scale_of_bins, counts)
 
 
 def field_histogram(volume: SurveyedVolume, field: Field, quantise: Quantise) -> tuple[int, ...] | None:

@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -18,8 +19,7 @@ from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_
 from volsplat.client.session.session import Session
 from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
-from volsplat.client.ui.viewing.picture import Picture, nothing_finer
-from volsplat.client.ui.viewing.picture_encoding import encoded
+from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS, finer, finest_step
@@ -42,13 +42,17 @@ class DrawingLoop:
         model: SceneModel,
         show: Callable[[Picture], None],
         tell: Callable[[VolsplatError], None],
+        is_watched: Callable[[], bool] = lambda: True,
     ) -> None:
+        """Pictures that nobody watches are not encoded."""
         self.pacing = Pacing()
         self.session = session
         self._model = model
         self._show = show
         self._tell = tell
-        self._shown: Picture | None = None  # the newest whose step is finished
+        self._is_watched = is_watched
+        self.first: Future[Picture] = Future()  # whose step is finished
+        self._shown: Picture | None = None  # the newest such
         self._number = 0
         self._drawn_revision = 0
         self._drawing = False
@@ -60,7 +64,9 @@ class DrawingLoop:
         self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
 
     def start(self) -> None:
-        self._thread.start()
+        """Safe to call twice."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def close(self) -> None:
         """End what is drawn and the thread; a frame whose server answers no more ends with the session."""
@@ -211,13 +217,6 @@ class DrawingLoop:
 
     def _publish(self, state: SceneState, refinement: Refinement, drawn: Rung | None = None) -> None:
         """Show an image; what was `drawn` for it is measured."""
-        began = time.perf_counter()
-        last = nothing_finer(state, refinement.step, refinement.complete)
-        enlarged = drawn is not None and drawn.share < 1.0
-        data = encoded(refinement.published, state.scene.image.background, lossless=last, enlarged=enlarged)
-        if refinement.outcome is not None and drawn is not None:
-            encoding_seconds = time.perf_counter() - began
-            self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         self._number += 1
         picture = Picture(
             self._number,
@@ -225,12 +224,19 @@ class DrawingLoop:
             refinement.step,
             refinement.published,
             refinement.outcome,
-            data,
             refinement.undrawn,
             1 if drawn is None else drawn.thinning.one_in,
         )
+        began = time.perf_counter()
+        if self._is_watched():
+            _ = picture.data  # encoded here, so that the page's thread need not
+        if refinement.outcome is not None and drawn is not None:
+            encoding_seconds = time.perf_counter() - began
+            self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         if refinement.complete:
             self._shown = picture
+            if not self.first.done():
+                self.first.set_result(picture)
         self._show(picture)
 
 

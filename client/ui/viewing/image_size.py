@@ -17,6 +17,10 @@ class ImageSize:
         self.follows_window = True
         self._windows: dict[Hashable, Pixels] = {}  # by viewports, the one that was used last at the end
 
+    @property
+    def has_windows(self) -> bool:
+        return bool(self._windows)
+
     def opened_or_resized(self, viewport: Hashable, window: Pixels) -> None:
         """A viewport has so many pixels, which counts as using it."""
         self._windows.pop(viewport, None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from volsplat.client.session.session import Session
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
+from volsplat.client.ui.viewing.image_size import ImageSize
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.trouble import BY_HAND, Trouble, trouble_of
@@ -22,6 +23,7 @@ def opened_viewing(session: Session, scene: Scene, cure: str = BY_HAND) -> Viewi
         if loop.session is viewing.session:  # else another one is being opened in its place
             troubles.tell(trouble_of(error, cure))
 
-    loop = DrawingLoop(session, model, pictures.tell, tell)
-    viewing = Viewing(session, model, loop, session.volume, session.default_scene(), pictures, troubles, cure)
+    size = ImageSize()
+    loop = DrawingLoop(session, model, pictures.tell, tell, is_watched=lambda: size.has_windows)
+    viewing = Viewing(session, model, loop, session.volume, session.default_scene(), pictures, troubles, cure, size)
     return viewing

@@ -10,6 +10,7 @@ from PIL import Image as PillowImage
 
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome
+from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.rules.refinement import finest_step
@@ -25,13 +26,19 @@ class Picture:
     step: Step
     published: PublishedImage  # smaller than the scene's image if it was drawn while things moved
     outcome: StepOutcome | None  # None while the step is still being drawn
-    data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
     undrawn: tuple[Rectangle, ...] = ()  # see Refinement
     one_in: int = 1  # of so many of the step's voxels one was drawn, while things moved
 
     @property
     def complete(self) -> bool:
         return self.outcome is not None
+
+    @cached_property
+    def data(self) -> bytes:
+        """The image over the background: as PNG if it is the last, else as JPEG. Takes a while when first asked for."""
+        background = self.state.scene.image.background
+        enlarged = self.published.width < self.state.scene.image.width
+        return encoded(self.published, background, lossless=self.last, enlarged=enlarged)
 
     @property
     def in_full_size(self) -> bool:
@@ -60,9 +67,4 @@ class Picture:
     @property
     def last(self) -> bool:
         """Nothing finer will follow for this scene."""
-        return nothing_finer(self.state, self.step, self.complete)
-
-
-def nothing_finer(state: SceneState, step: Step, complete: bool) -> bool:
-    """Whether an image of this step, complete or not, is the last that is drawn of the scene."""
-    return complete and state.settled and step == finest_step(state.scene)
+        return self.complete and self.state.settled and self.step == finest_step(self.state.scene)

@@ -37,8 +37,10 @@ class Feed(Generic[News]):
         self._loop = loop
 
     def tell(self, news: News) -> None:
-        """From any thread."""
-        if self._loop is not None:
+        """From any thread. Before a loop is attached nobody has subscribed."""
+        if self._loop is None:
+            self.newest = news
+        else:
             with suppress(RuntimeError):  # the loop is closed, at any moment: nobody looks any more
                 self._loop.call_soon_threadsafe(self._pass_on, news)
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import base64
+from collections.abc import Callable
 
 from nicegui import ui
 
+from volsplat.client.ui.doors.waiting_page import EARLY_PATH
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.picture_encoding import preview
 from volsplat.client.ui.viewing.viewing import Viewing
 
-EARLY_PATH = "/early"  # where the image is fetched
 PATIENCE = 5.0  # seconds that a browser waits for it
 
 
@@ -38,6 +39,11 @@ async def early_image(viewing: Viewing) -> bytes | None:
     except TimeoutError:
         return None
     return await asyncio.to_thread(_preview, picture)
+
+
+def show_first(viewing: Viewing, show: Callable[[bytes], None]) -> None:
+    """Have the first finished picture shown, as JPEG, as soon as it is drawn."""
+    viewing.loop.first.add_done_callback(lambda first: show(_preview(first.result())))
 
 
 def _preview(picture: Picture) -> bytes:

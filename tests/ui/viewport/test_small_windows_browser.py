@@ -13,6 +13,7 @@ from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, opened
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, phantom, view, volume
+from volsplat.bench.page_drag import REFINED
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -137,7 +138,10 @@ def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(
 
 def test_fingers_turn_and_zoom_beside_an_open_drawer(browser: Browser, view: Viewed) -> None:
     with small_page(browser, view, TELEPHONE) as page:
+        whole = height_seen(page)
         page.get_by_role("button", name="scene", exact=True).tap()
+        until(page, lambda: height_seen(page) < 0.5 * whole)
+        page.wait_for_function(REFINED)
         touch = fingers_on(page)
 
         def seen() -> dict[str, object]:
@@ -160,6 +164,22 @@ def test_fingers_turn_and_zoom_beside_an_open_drawer(browser: Browser, view: Vie
         after(page, spread)
         assert seen()["rotation"] == turned["rotation"]
         assert float(str(seen()["zoom"])) > 1.5 * float(str(turned["zoom"]))
+
+
+def test_all_of_the_picture_is_seen_above_a_drawer_of_a_telephone(browser: Browser, view: Viewed) -> None:
+    def fills(share: float) -> bool:
+        canvas, seen = page.locator(".vs-view canvas").first.bounding_box(), height_seen(page)
+        assert canvas is not None
+        return abs(seen - canvas["height"]) <= 2 and abs(seen - share * whole) <= 2
+
+    with small_page(browser, view, TELEPHONE) as page:
+        whole = height_seen(page)
+        button = page.get_by_role("button", name="tables", exact=True)
+        button.tap()
+        until(page, lambda: fills(0.48))
+        page.wait_for_function(REFINED)
+        button.tap()
+        until(page, lambda: fills(1.0))
 
 
 def test_keys_reach_what_a_drawer_holds_and_leave_it(browser: Browser, view: Viewed) -> None:
