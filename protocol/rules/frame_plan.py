@@ -188,6 +188,7 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, by_level: Index, grid
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
     reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, strides, scene)
     footprint, gain = _footprint(scene, geometry, grid, strides) if reach == Reach.FOOTPRINT else (None, 1.0)
+    x, y = (_at_samples(dda, strides) if reach == Reach.FOOTPRINT else dda for dda in (grid.x, grid.y))
     plan = FramePlan(
         step=step,
         turned=False,
@@ -195,8 +196,8 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, by_level: Index, grid
         height=scene.image.height,
         order=order,
         factors=grid.factors,
-        x=grid.x,
-        y=grid.y,
+        x=x,
+        y=y,
         screen_index=grid.screen_index(geometry),
         traversal=traversal,
         visits=(i, j, k),
@@ -236,6 +237,12 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
         opacity_exponents=(1.0,) * BLOCK_CLASSES,
         edges=volume_edges(scene, geometry),
     )
+
+
+def _at_samples(dda: Dda, strides: Index) -> Dda:
+    """Where samples themselves lie: those of even strides lie half a voxel beyond the middles of their blocks."""
+    beyond = sum(step for step, stride in zip(dda.half_steps, strides, strict=True) if stride % 2 == 0)
+    return msgspec.structs.replace(dda, origin=dda.origin + beyond)
 
 
 def _footprint(scene: Scene, geometry: Geometry, grid: GridOnScreen, strides: Index) -> tuple[FootprintShape, float]:

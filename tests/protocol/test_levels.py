@@ -18,11 +18,20 @@ from support.scenes.partitions import cut, handed_out
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rays import constant, crossing
 from support.scenes.rendering import rendered
-from tolerances import ONE_LEVEL, STRIDES
+from tolerances import MIDDLE_OF_FOOTPRINT, ONE_LEVEL, STRIDES
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.halving import halved
 from volsplat.mapshade_server.prepare.layout import halved_geometry
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Reconstruction, Shading, Step, View
+from volsplat.protocol.description.scene import (
+    TRAVERSAL_ORDERS,
+    Bounds,
+    Order,
+    Reconstruction,
+    ScalarTable,
+    Shading,
+    Step,
+    View,
+)
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules import levels
@@ -136,6 +145,23 @@ def test_a_slab_is_as_opaque_without_some_sheets_and_rows(thinning: Thinning, to
     resolution = own_resolution(geometry, Step.F, thinning)
     thinned = rendered(constant(geometry.dims), geometry, scene, Step.F, resolution=resolution)[clear]
     assert (thinned - whole).abs().max() <= STRIDES
+
+
+@pytest.mark.parametrize("thinning", [Thinning(sheets=2), Thinning(sheets=2, rows=2), Thinning(octaves=1)])
+def test_a_voxel_is_seen_in_the_same_place_without_others(thinning: Thinning) -> None:
+    geometry, values = Geometry((16, 16, 16)), torch.zeros((16, 16, 16), dtype=torch.uint8)
+    values[5, 9, 7] = 255
+    opac = ScalarTable(points=((0.0, 0.0), (1.0, 0.5)))
+    scene = plain_scene(view=View(rotation=OBLIQUE, zoom=3.0), size=(60, 60))
+    scene = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=opac))
+
+    def middle(resolution: Resolution) -> torch.Tensor:
+        alpha = rendered(values, geometry, scene, Step.F, resolution=resolution)[..., 3].double()
+        place = torch.arange(60.0, dtype=torch.float64)
+        return torch.stack([(alpha.sum(dim=axis) * place).sum() for axis in (0, 1)]) / alpha.sum()
+
+    whole = middle(own_resolution(geometry, Step.F))
+    assert (middle(own_resolution(geometry, Step.F, thinning)) - whole).abs().max() <= MIDDLE_OF_FOOTPRINT
 
 
 @pytest.mark.parametrize(
