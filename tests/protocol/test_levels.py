@@ -35,6 +35,7 @@ from volsplat.protocol.description.scene import (
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules import levels
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import Resolution, Thinning, own_resolution, resolution_of
 
@@ -162,6 +163,25 @@ def test_a_voxel_is_seen_in_the_same_place_without_others(thinning: Thinning) ->
 
     whole = middle(own_resolution(geometry, Step.F))
     assert (middle(own_resolution(geometry, Step.F, thinning)) - whole).abs().max() <= MIDDLE_OF_FOOTPRINT
+
+
+@pytest.mark.parametrize("thinning", [Thinning(frozen_alpha=0.9), Thinning(sheets=2, rows=2, frozen_alpha=0.9)])
+def test_what_almost_opaque_pixels_hide_is_left_out_alike_by_all_servers(thinning: Thinning) -> None:
+    """And what is left out is no more than they let through."""
+    values, geometry = shells(24), Geometry((24, 24, 24))
+    scene = shaded_scene(View(rotation=OBLIQUE, zoom=3.0), (80, 80))
+    scene = msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK)
+    resolution = own_resolution(geometry, Step.F, thinning)
+    single = rendered(values, geometry, scene, Step.F, resolution=resolution, walkers=None)
+    workers = [[Box((0, 0, 0), (24, 11, 24))], [Box((0, 11, 0), (24, 24, 24))]]
+    for seed in range(3):
+        shared = rendered(
+            values, geometry, scene, Step.F, workers=workers, threads=3, arrival=Random(seed), resolution=resolution
+        )
+        assert torch.equal(shared, single)
+    to_the_end = own_resolution(geometry, Step.F, thinning._replace(frozen_alpha=FROZEN_ALPHA))
+    difference = rendered(values, geometry, scene, Step.F, resolution=to_the_end) - single
+    assert 0.0 < difference.max() <= 1.0 - thinning.frozen_alpha
 
 
 @pytest.mark.parametrize(
