@@ -208,6 +208,7 @@ class Owners:
         regions: Sequence[tuple[int, int]],
         reach: FootprintTable | CellMap | Slabs | None,
         front_to_back: bool,
+        frozen_alpha: float = ...,
         thresholds: tuple[int, int],
         counts: tuple[int, int, int],
         sources: int,

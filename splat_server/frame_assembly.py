@@ -83,6 +83,7 @@ class FrameAssembly:
             regions=[(region.begin, region.end) for region in regions],
             reach=self._reach,
             front_to_back=plan.order == Order.FRONT_TO_BACK,
+            frozen_alpha=plan.frozen_alpha,
             thresholds=plan.thresholds,
             counts=plan.keys,
             sources=sources,

@@ -12,6 +12,9 @@ ROUNDING = 1e-9
 HALF_A_LATTICE_STEP = 1 / 128
 """Positions are rounded to 1/64 pixel (design, section 3.6)."""
 
+MIDDLE_OF_FOOTPRINT = 0.06
+"""Pixels: where the middle of a footprint is seen, whose offsets are rounded to 1/16 pixel at the coarsest."""
+
 A_LATTICE_STEP = 1 / 64
 """Each sheet of footprints rounds them by a threshold of its own, and down where a voxel is one pixel (rounding.py)."""
 

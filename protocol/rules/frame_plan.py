@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene, Step
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, Dda, GridOnScreen, grid_on_screen
 from volsplat.protocol.rules.level_gain import footprint_gain
@@ -55,6 +56,7 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     width: int  # pixels
     height: int
     order: Order  # never FASTEST
+    frozen_alpha: float  # front to back: from here on a pixel no longer changes
     factors: Index  # voxels of the volume that one of the level stands for along i, j, k
     x: Dda  # pixels from the centre of the top-left pixel, to the right, or down if turned
     y: Dda  # likewise, down, or to the right
@@ -74,6 +76,8 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"{name} must be 1 to {LARGEST_EXTENT} pixels, not {extent}")
         if self.order == Order.FASTEST:
             raise ValueError("a frame is drawn in one of the two orders, not in the fastest")
+        if not 0 < self.frozen_alpha <= FROZEN_ALPHA:
+            raise ValueError(f"pixels are frozen from an alpha above 0 to {FROZEN_ALPHA} on, not {self.frozen_alpha}")
         if not all(1 <= factor <= LONGEST_AXIS for factor in self.factors):
             raise ValueError(f"a level's factors must be 1 to {LONGEST_AXIS}, not {self.factors}")
         high = self.bounds.high
@@ -91,6 +95,8 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def _check_slabs(self, slabs: SlabShape) -> None:
         if self.turned or self.order != Order.FRONT_TO_BACK or max(self.strides) > 1:
             raise ValueError("slabs are drawn front to back, of every voxel, and never turned")
+        if self.frozen_alpha < FROZEN_ALPHA:
+            raise ValueError("slabs are drawn until nothing can be seen behind them")
         if slabs.depth.greatest(self.bounds.high) > FARTHEST_VALUE:
             raise ValueError(f"the grid reaches further than {LARGEST_POSITION} planes from the first one")
         if self.keys[1] > MOST_ROWS:
@@ -170,33 +176,34 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
     drawn = resolution or own_resolution(geometry, step)
     try:
         grid = grid_on_screen(scene, geometry, drawn.geometry)
-        return _planned(scene, geometry, step, drawn.strides, grid)
+        return _planned(scene, geometry, step, drawn, grid)
     except (OverflowError, ZeroDivisionError) as error:
         raise ValueError("the volume's place in space and the view are beyond what float64 can compute with") from error
 
 
-def _planned(scene: Scene, geometry: Geometry, step: Step, by_level: Index, grid: GridOnScreen) -> FramePlan:
-    """`by_level` are the strides of sheets, rows and samples."""
+def _planned(scene: Scene, geometry: Geometry, step: Step, drawn: Resolution, grid: GridOnScreen) -> FramePlan:
     in_volume = resolved_bounds(scene, geometry)
     bounds = bounds_at_level(in_volume, grid.factors)
     if STEP_RULES[step].slabs:
         return _planned_slabs(scene, geometry, step, grid, bounds)
     order = resolved_order(scene, geometry)
     traversal = traversal_of(grid.ray_to_viewer(), order)
-    strides = traversal.on_axes(by_level)
+    strides = traversal.on_axes(drawn.strides)
     i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], strides[axis]) for axis in range(3))
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
     reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, strides, scene)
     footprint, gain = _footprint(scene, geometry, grid, strides) if reach == Reach.FOOTPRINT else (None, 1.0)
+    x, y = (_at_samples(dda, strides) if reach == Reach.FOOTPRINT else dda for dda in (grid.x, grid.y))
     plan = FramePlan(
         step=step,
         turned=False,
         width=scene.image.width,
         height=scene.image.height,
         order=order,
+        frozen_alpha=drawn.frozen_alpha,
         factors=grid.factors,
-        x=grid.x,
-        y=grid.y,
+        x=x,
+        y=y,
         screen_index=grid.screen_index(geometry),
         traversal=traversal,
         visits=(i, j, k),
@@ -224,6 +231,7 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
         width=scene.image.width,
         height=scene.image.height,
         order=Order.FRONT_TO_BACK,
+        frozen_alpha=FROZEN_ALPHA,
         factors=grid.factors,
         x=grid.x,
         y=grid.y,
@@ -236,6 +244,12 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
         opacity_exponents=(1.0,) * BLOCK_CLASSES,
         edges=volume_edges(scene, geometry),
     )
+
+
+def _at_samples(dda: Dda, strides: Index) -> Dda:
+    """Where samples themselves lie: those of even strides lie half a voxel beyond the middles of their blocks."""
+    beyond = sum(step for step, stride in zip(dda.half_steps, strides, strict=True) if stride % 2 == 0)
+    return msgspec.structs.replace(dda, origin=dda.origin + beyond)
 
 
 def _footprint(scene: Scene, geometry: Geometry, grid: GridOnScreen, strides: Index) -> tuple[FootprintShape, float]:

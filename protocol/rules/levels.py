@@ -16,6 +16,7 @@ import msgspec
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.refinement import GREATEST_STRIDE, STEP_RULES
 
@@ -43,6 +44,7 @@ class Thinning(NamedTuple):
     octaves: int = 0  # by which all axes are coarser
     sheets: int = 1  # every how many of these are left
     rows: int = 1
+    frozen_alpha: float = FROZEN_ALPHA  # front to back: what lies behind this is left out
 
     @property
     def one_in(self) -> int:
@@ -64,6 +66,7 @@ class Resolution(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stride: int
     sheets: int = 1
     rows: int = 1
+    frozen_alpha: float = FROZEN_ALPHA
 
     def __post_init__(self) -> None:
         if self.level < 0:
@@ -80,7 +83,7 @@ class Resolution(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def own_resolution(geometry: Geometry, step: Step, thinning: Thinning = ALL_VOXELS) -> Resolution:
     """A volume without further levels: it is strided, as in the paper."""
     stride = STEP_RULES[step].stride << thinning.octaves
-    return Resolution(level=0, geometry=geometry, stride=stride, sheets=thinning.sheets, rows=thinning.rows)
+    return _thinned(thinning, 0, geometry, stride)
 
 
 def resolution_of(
@@ -92,13 +95,12 @@ def resolution_of(
     """
     octaves = STEP_RULES[step].octaves + thinning.octaves
     coarser = 0 if striding else min(octaves, len(levels) - 1 - base)
-    return Resolution(
-        level=base + coarser,
-        geometry=levels[base + coarser],
-        stride=1 << (octaves - coarser),
-        sheets=thinning.sheets,
-        rows=thinning.rows,
-    )
+    level, stride = base + coarser, 1 << (octaves - coarser)
+    return _thinned(thinning, level, levels[level], stride)
+
+
+def _thinned(thinning: Thinning, level: int, geometry: Geometry, stride: int) -> Resolution:
+    return Resolution(level, geometry, stride, thinning.sheets, thinning.rows, thinning.frozen_alpha)
 
 
 def levels_drawn(levels: Sequence[Geometry], base: int) -> range:

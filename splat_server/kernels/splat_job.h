@@ -73,6 +73,7 @@ struct SplatJob {
     std::size_t span_count;
     Reach reach;
     bool front_to_back;
+    float frozen_alpha;  // front to back: from here on a pixel no longer changes
     FootprintView footprint;
     Thresholds thresholds;  // of its offsets
     CellView cell;

@@ -25,8 +25,10 @@ from volsplat.protocol.description.scene import (
     View,
 )
 from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.frame_plan import CELLS_IN_A_SHEET, FramePlan, Reach, opacity_exponent, plan_frame
 from volsplat.protocol.rules.grid_on_screen import grid_on_screen
+from volsplat.protocol.rules.levels import Thinning, own_resolution
 from volsplat.protocol.rules.refinement import PAPER_STEPS, active_shading
 
 NEAREST_STEPS = (Step.A, Step.B, Step.C)
@@ -137,6 +139,20 @@ def test_lighting_begins_earlier_when_asked_or_when_nothing_is_emitted() -> None
     assert active_shading(msgspec.structs.replace(plain_scene(), tables=tables), Step.A).diffuse
     unlit = msgspec.structs.replace(plain_scene(), shading=Shading(emitted=False, diffuse=False))
     assert not active_shading(unlit, Step.F).diffuse
+
+
+@pytest.mark.parametrize("frozen_alpha", [0.0, -0.5, 1.0, math.nan])
+def test_pixels_may_be_frozen_earlier_than_as_a_rule_but_not_later(frozen_alpha: float) -> None:
+    geometry = Geometry((8, 8, 8))
+    planned = [
+        plan_frame(plain_scene(), geometry, Step.F, own_resolution(geometry, Step.F, Thinning(frozen_alpha=alpha)))
+        for alpha in (FROZEN_ALPHA, 0.75)
+    ]
+    assert [plan.frozen_alpha for plan in planned] == [FROZEN_ALPHA, 0.75]
+    with pytest.raises(ValueError, match="pixels are frozen from an alpha"):
+        msgspec.structs.replace(planned[0], frozen_alpha=frozen_alpha)
+    with pytest.raises(ValueError, match="slabs are drawn until"):
+        msgspec.structs.replace(plan_frame(plain_scene(), geometry, Step.G), frozen_alpha=0.75)
 
 
 @pytest.mark.parametrize(

@@ -18,14 +18,24 @@ from support.scenes.partitions import cut, handed_out
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rays import constant, crossing
 from support.scenes.rendering import rendered
-from tolerances import ONE_LEVEL, STRIDES
+from tolerances import MIDDLE_OF_FOOTPRINT, ONE_LEVEL, STRIDES
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.halving import halved
 from volsplat.mapshade_server.prepare.layout import halved_geometry
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Reconstruction, Shading, Step, View
+from volsplat.protocol.description.scene import (
+    TRAVERSAL_ORDERS,
+    Bounds,
+    Order,
+    Reconstruction,
+    ScalarTable,
+    Shading,
+    Step,
+    View,
+)
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules import levels
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import Resolution, Thinning, own_resolution, resolution_of
 
@@ -136,6 +146,42 @@ def test_a_slab_is_as_opaque_without_some_sheets_and_rows(thinning: Thinning, to
     resolution = own_resolution(geometry, Step.F, thinning)
     thinned = rendered(constant(geometry.dims), geometry, scene, Step.F, resolution=resolution)[clear]
     assert (thinned - whole).abs().max() <= STRIDES
+
+
+@pytest.mark.parametrize("thinning", [Thinning(sheets=2), Thinning(sheets=2, rows=2), Thinning(octaves=1)])
+def test_a_voxel_is_seen_in_the_same_place_without_others(thinning: Thinning) -> None:
+    geometry, values = Geometry((16, 16, 16)), torch.zeros((16, 16, 16), dtype=torch.uint8)
+    values[5, 9, 7] = 255
+    opac = ScalarTable(points=((0.0, 0.0), (1.0, 0.5)))
+    scene = plain_scene(view=View(rotation=OBLIQUE, zoom=3.0), size=(60, 60))
+    scene = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=opac))
+
+    def middle(resolution: Resolution) -> torch.Tensor:
+        alpha = rendered(values, geometry, scene, Step.F, resolution=resolution)[..., 3].double()
+        place = torch.arange(60.0, dtype=torch.float64)
+        return torch.stack([(alpha.sum(dim=axis) * place).sum() for axis in (0, 1)]) / alpha.sum()
+
+    whole = middle(own_resolution(geometry, Step.F))
+    assert (middle(own_resolution(geometry, Step.F, thinning)) - whole).abs().max() <= MIDDLE_OF_FOOTPRINT
+
+
+@pytest.mark.parametrize("thinning", [Thinning(frozen_alpha=0.9), Thinning(sheets=2, rows=2, frozen_alpha=0.9)])
+def test_what_almost_opaque_pixels_hide_is_left_out_alike_by_all_servers(thinning: Thinning) -> None:
+    """And what is left out is no more than they let through."""
+    values, geometry = shells(24), Geometry((24, 24, 24))
+    scene = shaded_scene(View(rotation=OBLIQUE, zoom=3.0), (80, 80))
+    scene = msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK)
+    resolution = own_resolution(geometry, Step.F, thinning)
+    single = rendered(values, geometry, scene, Step.F, resolution=resolution, walkers=None)
+    workers = [[Box((0, 0, 0), (24, 11, 24))], [Box((0, 11, 0), (24, 24, 24))]]
+    for seed in range(3):
+        shared = rendered(
+            values, geometry, scene, Step.F, workers=workers, threads=3, arrival=Random(seed), resolution=resolution
+        )
+        assert torch.equal(shared, single)
+    to_the_end = own_resolution(geometry, Step.F, thinning._replace(frozen_alpha=FROZEN_ALPHA))
+    difference = rendered(values, geometry, scene, Step.F, resolution=to_the_end) - single
+    assert 0.0 < difference.max() <= 1.0 - thinning.frozen_alpha
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,14 @@ def nearest_pixel(dot: Dot) -> Affected:
     return [((dot.x + 32) // 64, (dot.y + 32) // 64, 1.0)]
 
 
-def plainly_splatted(runs: list[Run], table: FootprintTable | None, order: Order, width: int, height: int) -> Tensor:
+def plainly_splatted(
+    runs: list[Run],
+    table: FootprintTable | None,
+    order: Order,
+    width: int,
+    height: int,
+    frozen_alpha: float = FROZEN_ALPHA,
+) -> Tensor:
     """The paper's formulas, pixel by pixel."""
     image = [[0.0, 0.0, 0.0, 0.0] for _ in range(width * height)]
     for sheet, dot in ((run.sheet, dot) for run in runs for dot in run.dots):
@@ -88,7 +95,7 @@ def plainly_splatted(runs: list[Run], table: FootprintTable | None, order: Order
             opacity = min(1.0, weight * opacity_of_code(dot.opacity))
             if order == Order.BACK_TO_FRONT:
                 pixel[:] = [(1 - opacity) * c + opacity * i for c, i in zip(pixel, colour, strict=True)]
-            elif pixel[3] < FROZEN_ALPHA:
+            elif pixel[3] < frozen_alpha:
                 through = 1 - pixel[3]
                 pixel[:] = [c + through * (opacity * i) for c, i in zip(pixel, colour, strict=True)]
     return torch.tensor(image, dtype=torch.float64).reshape(height, width, 4)
@@ -103,10 +110,11 @@ def splatted(
     threads: int = 1,
     turned: bool = False,
     thresholds: Thresholds = THRESHOLDS,
+    frozen_alpha: float = FROZEN_ALPHA,
 ) -> Tensor:
     """By the kernel, a region for each thread."""
     regions = even_regions(width if turned else height, threads)
-    return owned.splatted(runs, reach, order, (width, height), turned, regions, threads, thresholds)
+    return owned.splatted(runs, reach, order, (width, height), turned, regions, threads, thresholds, frozen_alpha)
 
 
 def random_runs(seed: int, width: int, height: int, count: int = 60, margin: int = 12) -> list[Run]:
@@ -148,13 +156,14 @@ TABLES = {
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("table_name", TABLES)
 @pytest.mark.parametrize(("width", "height"), [(37, 23), (1, 9), (16, 2)])
+@pytest.mark.parametrize("frozen_alpha", [FROZEN_ALPHA, 0.75])
 def test_footprints_combine_as_the_paper_says(
-    path: str, table_name: str, order: Order, width: int, height: int
+    path: str, table_name: str, order: Order, width: int, height: int, frozen_alpha: float
 ) -> None:
     table = table_of(*TABLES[table_name])
     runs = random_runs(width, width, height, count=240)
-    image = splatted(runs, table, order, width, height)
-    expected = plainly_splatted(runs, table, order, width, height)
+    image = splatted(runs, table, order, width, height, frozen_alpha=frozen_alpha)
+    expected = plainly_splatted(runs, table, order, width, height, frozen_alpha)
     assert (image - expected).abs().max() <= SPLAT_FLOAT32
     assert image.any()
 
@@ -258,13 +267,16 @@ def test_positions_and_keys_that_no_plan_has_do_no_harm_to_cells(path: str) -> N
     assert image.min() >= 0 and image.max() <= 1
 
 
-def test_a_frozen_pixel_changes_no_more(path: str) -> None:
+@pytest.mark.parametrize("frozen_alpha", [FROZEN_ALPHA, 0.75])
+def test_a_frozen_pixel_changes_no_more(path: str, frozen_alpha: float) -> None:
     table = table_of(*TABLES["of 8 x 8 pixels"])
     opaque = [Run(0, n, 0, (Dot(640, 640, OPAQUE, (9, 99, 199)),)) for n in range(200)]
     more = [Run(1, n, 0, (Dot(640, 640, OPAQUE, WHITE),)) for n in range(50)]
-    before = splatted(opaque, table, Order.FRONT_TO_BACK, 20, 20)
-    after = splatted(opaque + more, table, Order.FRONT_TO_BACK, 20, 20)
-    frozen = before[..., 3] >= FROZEN_ALPHA
+    before, after = (
+        splatted(runs, table, Order.FRONT_TO_BACK, 20, 20, frozen_alpha=frozen_alpha)
+        for runs in (opaque, opaque + more)
+    )
+    frozen = before[..., 3] >= frozen_alpha
     assert frozen.any() and not frozen.all()
     assert torch.equal(after[frozen], before[frozen])
     nearly = (before[..., 3] > 0) & ~frozen

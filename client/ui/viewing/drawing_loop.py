@@ -177,7 +177,7 @@ class DrawingLoop:
         """One picture, perhaps smaller than the scene's: the page shows it as large."""
         rung = self.pacing.while_moving(state.scene)
         scene, step = scaled(state.scene, rung.share), rung.step
-        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), thinning=rung.thinning):
+        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), thinning=rung.left_out):
             self._publish(state, refinement, rung)
 
     def _refine(self, state: SceneState) -> None:

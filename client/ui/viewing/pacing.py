@@ -3,8 +3,9 @@
 Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
 height it is more like the finished picture than a coarser step of the whole size. Where that takes too long, voxels are
 left out: first every other sheet, one behind the other as they lie, then rows as well, in an ever smaller image, whose
-footprints take fewer pixels. So the ladder rises by what was measured to be like the finished picture, and costs rise
-with it (docs/notes/performance_log.md); what costs more than something more alike is not on it.
+footprints take fewer pixels. All but the whole image leave out what almost opaque pixels hide. So the ladder rises by
+what was measured to be like the finished picture, and costs rise with it (docs/notes/performance_log.md); what costs as
+much as something more alike is not on it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ LEAST_THINNED_SIDE = 128  # of one in which so much is left out that its pixels 
 # the one after.
 FEWEST = (Thinning(octaves=2), Thinning(sheets=4, rows=4), Thinning(sheets=3, rows=3), Thinning(sheets=2, rows=2))
 FEWER = (Thinning(sheets=2, rows=2), Thinning(sheets=2))
+ALMOST_OPAQUE = 1.0 - 1.0 / 32.0  # a pixel's alpha: what lies behind is not seen while it moves
 _NEWEST_WEIGHT = 0.2  # of the newest time in the running mean
 _LEARNT = 6  # images, after which it is known what a rung costs beside the one before
 _LEAST = 2  # images, before another rung is taken
@@ -46,6 +48,11 @@ class Rung(NamedTuple):
     def is_whole(self) -> bool:
         return self.share == 1.0 and self.thinning == ALL_VOXELS
 
+    @property
+    def left_out(self) -> Thinning:
+        """All that is left out; nothing of a whole image, which may stay."""
+        return self.thinning if self.is_whole else self.thinning._replace(frozen_alpha=ALMOST_OPAQUE)
+
 
 def ladder(scene: Scene) -> list[Rung]:
     """All ways to draw a moving scene, the best one last."""
@@ -56,8 +63,9 @@ def ladder(scene: Scene) -> list[Rung]:
     thinned += [
         Rung(finest, shares[0], thinning) for thinning in FEWER if (shares[0], thinning) != (smallest, FEWEST[-1])
     ]
+    # All voxels cost as much in the smallest of these images as in the next, since more of them share a pixel.
     larger = [Rung(finest, share, FEWER[-1]) for share in shares[1:2]]
-    return [*thinned, *larger, *(Rung(finest, share) for share in shares)]
+    return [*thinned, *larger, *(Rung(finest, share) for share in shares[1:] or shares)]
 
 
 class Pacing:

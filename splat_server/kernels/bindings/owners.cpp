@@ -73,10 +73,12 @@ const float* opacities() {
     return table.data();
 }
 
-SplatJob job_of(const nb::object& reach, bool front_to_back, const std::array<std::uint64_t, 2>& thresholds) {
+SplatJob job_of(const nb::object& reach, bool front_to_back, float frozen_alpha,
+                const std::array<std::uint64_t, 2>& thresholds) {
     SplatJob job{};
     job.opacities = opacities();
     job.front_to_back = front_to_back;
+    job.frozen_alpha = frozen_alpha;
     job.thresholds = {thresholds[0], thresholds[1]};
     job.reach = Reach::pixel;
     if (nb::isinstance<FootprintTable>(reach)) {
@@ -108,13 +110,14 @@ PixelMemory memory_of(LentRoom bytes) {
 }
 
 std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<int, int>>& regions, nb::object reach,
-                                  bool front_to_back, const std::array<std::uint64_t, 2>& thresholds,
+                                  bool front_to_back, float frozen_alpha,
+                                  const std::array<std::uint64_t, 2>& thresholds,
                                   const std::array<std::uint64_t, 3>& counts, int sources, bool traced,
                                   std::uint64_t portion, std::optional<std::pair<nb::object, nb::object>> edges,
                                   std::vector<nb::object> walks, std::optional<LentRoom> block,
                                   std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait) {
     FrameTask task{{},
-                   job_of(reach, front_to_back, thresholds),
+                   job_of(reach, front_to_back, frozen_alpha, thresholds),
                    {nullptr, nullptr},
                    {counts[0], counts[1], counts[2]},
                    sources,
@@ -273,9 +276,10 @@ void bind_owners(nb::module_& m) {
         .def_prop_ro("threads", &Owners::threads)
         .def_prop_ro("image_size", &image_size)
         .def_prop_ro("closed_tiles", &closed_tiles)
-        .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a, "thresholds"_a,
-             "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a,
-             "block"_a.none() = nb::none(), "news"_a, "all_wait"_a)
+        .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a,
+             "frozen_alpha"_a = static_cast<float>(kFrozenAlpha), "thresholds"_a, "counts"_a, "sources"_a,
+             "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "block"_a.none() = nb::none(), "news"_a,
+             "all_wait"_a)
         .def("published", &published, "frame"_a)
         .def("cancel", &Owners::cancel, Unlocked())
         .def("close", &Owners::close, Unlocked());

@@ -144,22 +144,23 @@ private:
     __attribute__((always_inline)) void combine_thirds(float* place, int x, const RowSpan (&thirds)[kThirds],
                                                        const Point<Lanes>& far, const Point<Lanes>& near) const {
         const std::int64_t plane = job_.image.plane;
+        const float frozen = job_.frozen_alpha;
         Pixels<Lanes> pixels = load_pixels<Lanes>(place, plane);
         if constexpr (kFrontToBack) {
-            combine<true>(pixels, within(near.opacity, thirds[2], x), near);
-            combine<true>(pixels, within(far.opacity, thirds[1], x), far);
-            combine<true>(pixels, within(far.opacity, thirds[0], x), far);
+            combine<true>(pixels, within(near.opacity, thirds[2], x), near, frozen);
+            combine<true>(pixels, within(far.opacity, thirds[1], x), far, frozen);
+            combine<true>(pixels, within(far.opacity, thirds[0], x), far, frozen);
         } else {
-            combine<false>(pixels, within(far.opacity, thirds[0], x), far);
-            combine<false>(pixels, within(far.opacity, thirds[1], x), far);
-            combine<false>(pixels, within(near.opacity, thirds[2], x), near);
+            combine<false>(pixels, within(far.opacity, thirds[0], x), far, frozen);
+            combine<false>(pixels, within(far.opacity, thirds[1], x), far, frozen);
+            combine<false>(pixels, within(near.opacity, thirds[2], x), near, frozen);
         }
         store_pixels(pixels, place, plane);
     }
 
     __attribute__((noinline)) void look_for_closed_tiles() {
         unseen_pixels_ = 0;
-        ClosedTiles(job_.image).look(job_.row_begin, job_.row_end);
+        ClosedTiles(job_.image, job_.frozen_alpha).look(job_.row_begin, job_.row_end);
     }
 
     float* pixel(std::int64_t x, std::int64_t y) const { return job_.image.pixels + y * job_.image.pitch + x; }

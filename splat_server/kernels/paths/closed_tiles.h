@@ -14,7 +14,7 @@ struct PixelBox {  // within the image, not empty
 
 class ClosedTiles {
 public:
-    explicit ClosedTiles(const ImageView& image) : image_(image) {}
+    ClosedTiles(const ImageView& image, float frozen_alpha) : image_(image), frozen_alpha_(frozen_alpha) {}
 
     // Whether all tiles under the box are closed.
     bool hide(const PixelBox& box) const {
@@ -32,7 +32,7 @@ public:
             const std::uint64_t* const words = image_.closed_tiles + top / kTileSide * image_.tile_words;
             for (int column = 0; column * kTileSide < image_.width; column += kTilesAtOnce) {
                 if ((words[column / 64] >> column % 64 & kAllAtOnce) == kAllAtOnce) continue;  // closed already
-                if (any(load<Widest>(alphas + column * kTileSide) >= kFrozenAlpha))
+                if (any(load<Widest>(alphas + column * kTileSide) >= frozen_alpha_))
                     look_at_some(top / kTileSide, column);
             }
         }
@@ -66,16 +66,17 @@ private:
         const float* alphas = image_.pixels + y_begin * image_.pitch + 3 * image_.plane;
         if (x_end - x_begin == kTileSide && y_end - y_begin == kTileSide) {  // without a branch for each pixel
             FourBits open{};
-            for (int y = 0; y < kTileSide; ++y) open |= load<Four>(alphas + x_begin + y * image_.pitch) < kFrozenAlpha;
+            for (int y = 0; y < kTileSide; ++y) open |= load<Four>(alphas + x_begin + y * image_.pitch) < frozen_alpha_;
             return !any(open);
         }
         for (int y = y_begin; y < y_end; ++y, alphas += image_.pitch)
             for (int x = x_begin; x < x_end; ++x)
-                if (alphas[x] < kFrozenAlpha) return false;
+                if (alphas[x] < frozen_alpha_) return false;
         return true;
     }
 
     const ImageView image_;
+    const float frozen_alpha_;
 };
 
 // The same question for boxes of one size that lie well within the image, answered without a branch: for the most

@@ -29,7 +29,7 @@ public:
         : job_(job),
           table_(job.footprint),
           image_(job.image),
-          closed_(job.image),
+          closed_(job.image, job.frozen_alpha),
           closed_boxes_(job.image, table_.width, table_.height),
           closed_windows_(job.image, Together::kWindow, table_.height),
           worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
@@ -154,7 +154,7 @@ private:
             hidden_ += Together::kSamples;
             return;
         }
-        Together boxes;
+        Together boxes(job_.frozen_alpha);
         for (int k = 0; k < Together::kSamples; ++k) {
             const ShiftedBox box = {table_.weights + samples.entry[n + k], samples.left[n + k] - left};
             boxes.set(k, box, point_of<typename Together::Lanes>(samples, n + k));
@@ -208,9 +208,11 @@ private:
                                                     const Point<Lanes>& point) const {
         const std::int64_t plane = image_.plane,
                            pitch = image_.pitch;  // kept in registers, whatever is written meanwhile
+        const float frozen = job_.frozen_alpha;
         const auto combine_row = [&](int row) __attribute__((always_inline)) {
-            if constexpr (4 * kFours > kNarrowBox) combine_reached(pixels, plane, weights, table_.spans[row], point);
-            else combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point);
+            if constexpr (4 * kFours > kNarrowBox)
+                combine_reached(pixels, plane, weights, table_.spans[row], point, frozen);
+            else combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point, frozen);
             pixels += pitch, weights += 4 * kFours;
         };
         for (; rows.end - rows.begin >= 4; rows.begin += 4) VOLSPLAT_UNROLL(4)
@@ -220,24 +222,26 @@ private:
 
     // Without the corners of the box that the footprint never reaches.
     __attribute__((always_inline)) static void combine_reached(float* pixels, std::int64_t plane, const float* weights,
-                                                               RowSpan span, const Point<Lanes>& point) {
+                                                               RowSpan span, const Point<Lanes>& point, float frozen) {
         int vectors = (span.end - span.begin + kLanes - 1) / kLanes;
         const int last_begin = 4 * kFours - vectors * kLanes;
         for (int x = span.begin < last_begin ? span.begin : last_begin; vectors > 0; --vectors, x += kLanes)
-            combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point);
+            combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point, frozen);
     }
 
     // Of each row what the footprint reaches, within the image.
     void combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point<Lanes>& point) const {
         const std::int64_t plane = image_.plane;
+        const float frozen = job_.frozen_alpha;
         for (int y = box.y_begin; y < box.y_end; ++y, weights += table_.pitch) {
             const RowSpan span = table_.spans[y - top];
             int x = (box.x_begin - left > span.begin ? box.x_begin - left : span.begin) & -4;
             const int end = box.x_end - left < span.end ? box.x_end - left : span.end;
             float* const pixels = pixel(left, y);
             for (; end - x > kLanes - 4; x += kLanes)
-                combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point);
-            for (; x < end; x += 4) combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point);
+                combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point, frozen);
+            for (; x < end; x += 4)
+                combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point, frozen);
         }
     }
 

@@ -41,6 +41,8 @@ public:
     static constexpr bool kFit = kPixels > 0 && kWindow <= kWidest;
     typedef typename Fitting<kWindow>::Lanes Lanes;
 
+    explicit JoinedBoxes(float frozen) : frozen_(frozen) {}
+
     void set(int n, const ShiftedBox& box, const Point<Lanes>& point) {
         weights_[n] = box.weights - box.shift;
         lanes_[n] = lanes_from(box.shift, kPixels);
@@ -54,13 +56,14 @@ public:
             Pixels<Lanes> pixels = load_pixels<Lanes>(address, plane);
             for (int n = 0; n < kSamples; ++n) {
                 const Lanes opacity = opacity_at<kClamped>(weights_[n] + weight, points_[n]);
-                combine<kFrontToBack>(pixels, chosen(lanes_[n], opacity), points_[n]);
+                combine<kFrontToBack>(pixels, chosen(lanes_[n], opacity), points_[n], frozen_);
             }
             store_pixels(pixels, address, plane);
         }
     }
 
 private:
+    const float frozen_;  // see combine
     const float* weights_[kSamples];
     LaneChoice lanes_[kSamples];
     Point<Lanes> points_[kSamples];

@@ -19,27 +19,27 @@ inline Four multiply_add(Four a, Four b, Four c) {
 #endif
 }
 
-// What of the opacity passes the alpha in front of it; 0 where that is frozen.
-inline Four behind(Four opacity, Four alpha) {
+// What of the opacity passes the alpha in front of it; 0 where that is `frozen`.
+inline Four behind(Four opacity, Four alpha, Four frozen) {
 #if defined(__AVX512VL__)
-    const __mmask8 open = _mm_cmp_ps_mask(alpha, _mm_set1_ps(kFrozenAlpha), _CMP_LT_OQ);
+    const __mmask8 open = _mm_cmp_ps_mask(alpha, frozen, _CMP_LT_OQ);
     return _mm_maskz_fnmadd_ps(open, opacity, alpha, opacity);
 #elif defined(__FMA__)
-    return _mm_and_ps((Four)(alpha < kFrozenAlpha), _mm_fnmadd_ps(opacity, alpha, opacity));
+    return _mm_and_ps((Four)(alpha < frozen), _mm_fnmadd_ps(opacity, alpha, opacity));
 #else
-    return (Four)((FourBits)(opacity - opacity * alpha) & (alpha < kFrozenAlpha));
+    return (Four)((FourBits)(opacity - opacity * alpha) & (alpha < frozen));
 #endif
 }
 
 #ifdef __AVX2__
 inline Eight multiply_add(Eight a, Eight b, Eight c) { return _mm256_fmadd_ps(a, b, c); }
 
-inline Eight behind(Eight opacity, Eight alpha) {
+inline Eight behind(Eight opacity, Eight alpha, Eight frozen) {
 #ifdef __AVX512VL__
-    const __mmask8 open = _mm256_cmp_ps_mask(alpha, _mm256_set1_ps(kFrozenAlpha), _CMP_LT_OQ);
+    const __mmask8 open = _mm256_cmp_ps_mask(alpha, frozen, _CMP_LT_OQ);
     return _mm256_maskz_fnmadd_ps(open, opacity, alpha, opacity);
 #else
-    return _mm256_and_ps((Eight)(alpha < kFrozenAlpha), _mm256_fnmadd_ps(opacity, alpha, opacity));
+    return _mm256_and_ps((Eight)(alpha < frozen), _mm256_fnmadd_ps(opacity, alpha, opacity));
 #endif
 }
 #endif
@@ -47,8 +47,8 @@ inline Eight behind(Eight opacity, Eight alpha) {
 #ifdef __AVX512F__
 inline Sixteen multiply_add(Sixteen a, Sixteen b, Sixteen c) { return _mm512_fmadd_ps(a, b, c); }
 
-inline Sixteen behind(Sixteen opacity, Sixteen alpha) {
-    const __mmask16 open = _mm512_cmp_ps_mask(alpha, _mm512_set1_ps(kFrozenAlpha), _CMP_LT_OQ);
+inline Sixteen behind(Sixteen opacity, Sixteen alpha, Sixteen frozen) {
+    const __mmask16 open = _mm512_cmp_ps_mask(alpha, frozen, _CMP_LT_OQ);
     return _mm512_maskz_fnmadd_ps(open, opacity, alpha, opacity);
 }
 #endif
@@ -120,11 +120,12 @@ __attribute__((always_inline)) inline void store_pixels(const Pixels<Lanes>& pix
     store(address + 3 * plane, pixels.alpha);
 }
 
-// Combines a point with pixels that get so much of its opacity.
+// Combines a point with pixels that get so much of its opacity; from an alpha of `frozen` on they get nothing.
 template <bool kFrontToBack, class Lanes>
-__attribute__((always_inline)) inline void combine(Pixels<Lanes>& pixels, Lanes opacity, const Point<Lanes>& point) {
+__attribute__((always_inline)) inline void combine(Pixels<Lanes>& pixels, Lanes opacity, const Point<Lanes>& point,
+                                                   float frozen) {
     if constexpr (kFrontToBack) {
-        const Lanes visible = behind(opacity, pixels.alpha);
+        const Lanes visible = behind(opacity, pixels.alpha, all_lanes<Lanes>(frozen));
         pixels.red = multiply_add(visible, point.red, pixels.red);
         pixels.green = multiply_add(visible, point.green, pixels.green);
         pixels.blue = multiply_add(visible, point.blue, pixels.blue);
@@ -148,32 +149,32 @@ __attribute__((always_inline)) inline Lanes opacity_at(const float* weights, con
 // Combines a point with as many pixels as Lanes has, in the four planes of a row.
 template <bool kFrontToBack, bool kClamped, class Lanes, class AllLanes>
 __attribute__((always_inline)) inline void combine(float* address, std::int64_t plane, const float* weights,
-                                                   const Point<AllLanes>& point) {
+                                                   const Point<AllLanes>& point, float frozen) {
     const Point<Lanes> part = first_of<Lanes>(point);
     Pixels<Lanes> pixels = load_pixels<Lanes>(address, plane);
-    combine<kFrontToBack>(pixels, opacity_at<kClamped>(weights, part), part);
+    combine<kFrontToBack>(pixels, opacity_at<kClamped>(weights, part), part, frozen);
     store_pixels(pixels, address, plane);
 }
 
 // The same for so many pixels of a row, a multiple of 4, in the widest vectors that they fill.
 template <bool kFrontToBack, bool kClamped, int kPixels, class AllLanes>
 __attribute__((always_inline)) inline void combine_pixels(float* pixels, std::int64_t plane, const float* weights,
-                                                          const Point<AllLanes>& point) {
+                                                          const Point<AllLanes>& point, float frozen) {
 #ifdef __AVX512F__
     if constexpr (kPixels >= 16) {
-        combine<kFrontToBack, kClamped, Sixteen>(pixels, plane, weights, point);
-        combine_pixels<kFrontToBack, kClamped, kPixels - 16>(pixels + 16, plane, weights + 16, point);
+        combine<kFrontToBack, kClamped, Sixteen>(pixels, plane, weights, point, frozen);
+        combine_pixels<kFrontToBack, kClamped, kPixels - 16>(pixels + 16, plane, weights + 16, point, frozen);
     } else
 #endif
 #ifdef __AVX2__
         if constexpr (kPixels >= 8) {
-        combine<kFrontToBack, kClamped, Eight>(pixels, plane, weights, point);
-        combine_pixels<kFrontToBack, kClamped, kPixels - 8>(pixels + 8, plane, weights + 8, point);
+        combine<kFrontToBack, kClamped, Eight>(pixels, plane, weights, point, frozen);
+        combine_pixels<kFrontToBack, kClamped, kPixels - 8>(pixels + 8, plane, weights + 8, point, frozen);
     } else
 #endif
         if constexpr (kPixels >= 4) {
-        combine<kFrontToBack, kClamped, Four>(pixels, plane, weights, point);
-        combine_pixels<kFrontToBack, kClamped, kPixels - 4>(pixels + 4, plane, weights + 4, point);
+        combine<kFrontToBack, kClamped, Four>(pixels, plane, weights, point, frozen);
+        combine_pixels<kFrontToBack, kClamped, kPixels - 4>(pixels + 4, plane, weights + 4, point, frozen);
     }
 }
 

@@ -11,7 +11,7 @@ namespace {
 class VoxelFinder {
 public:
     VoxelFinder(const SlabTableView& table, const SlabSums& sums, const ImageView& image, SlabVoxels& found)
-        : table_(table), sums_(sums), image_(image), closed_(image), found_(found) {}
+        : table_(table), sums_(sums), image_(image), closed_(image, kFrozenAlpha), found_(found) {}
 
     // Returns how many were left out as hidden.
     std::uint64_t find(const SlabRuns& runs) {

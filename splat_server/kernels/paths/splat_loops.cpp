@@ -10,12 +10,13 @@ namespace {
 
 // One pixel, weight 1.
 template <bool kFrontToBack>
-inline void combine_whole(const ImageView& image, std::int64_t x, std::int64_t y, const ShadedSample& sample) {
+inline void combine_whole(const SplatJob& job, std::int64_t x, std::int64_t y, const ShadedSample& sample) {
+    const ImageView& image = job.image;
     float* const pixel = image.pixels + y * image.pitch + x;
     float& alpha = pixel[3 * image.plane];
     const float intensity[] = {sample.red, sample.green, sample.blue};
     if constexpr (kFrontToBack) {
-        if (!(alpha < kFrozenAlpha)) return;
+        if (!(alpha < job.frozen_alpha)) return;
         const float visible = (1.0f - alpha) * sample.opacity;
         for (int c = 0; c < 3; ++c) pixel[c * image.plane] += visible * intensity[c];
         alpha += visible;
@@ -40,7 +41,7 @@ void splat_nearest_pixels(const SplatJob& job) {
                 const std::int64_t half = 1 << (kSubpixelBits - 1);
                 const std::int64_t x = (sample.x + half) >> kSubpixelBits, y = (sample.y + half) >> kSubpixelBits;
                 if (x < 0 || x >= job.image.width || y < job.row_begin || y >= job.row_end) continue;
-                combine_whole<kFrontToBack>(job.image, x, y, sample);
+                combine_whole<kFrontToBack>(job, x, y, sample);
             }
         }
     }

@@ -12,6 +12,7 @@ from torch import Tensor
 from support.patience import PATIENCE
 from support.scenes.row_runs import Run, batch_bytes
 from volsplat.protocol.description.scene import Order
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.rounding import TO_NEAREST, Thresholds
 from volsplat.splat_server._kernels import BatchMemory, Bell, EdgeLayer, Owners, ReadBudget, SplatFrame
 from volsplat.splat_server.pixel_reach import PixelReach
@@ -56,6 +57,7 @@ class Drawing:
         edges: tuple[EdgeLayer, EdgeLayer] | None = None,
         budget: int = UNBOUNDED,
         block: memoryview | None = None,
+        frozen_alpha: float = FROZEN_ALPHA,
     ) -> Drawing:
         """On a clear image of this size as it is published. Without regions it is one."""
         owners.clear(*size, turned)
@@ -65,6 +67,7 @@ class Drawing:
             regions=regions or whole,
             reach=reach,
             front_to_back=order == Order.FRONT_TO_BACK,
+            frozen_alpha=frozen_alpha,
             thresholds=thresholds,
             counts=counts,
             sources=sources,
@@ -127,10 +130,13 @@ def splatted(
     regions: Sequence[tuple[int, int]] | None = None,
     threads: int = 1,
     thresholds: Thresholds = TO_NEAREST,
+    frozen_alpha: float = FROZEN_ALPHA,
 ) -> Tensor:
     """The finished image of these runs, which must be in order."""
     with owners(threads) as made:
-        drawing = Drawing.begun(made, size, reach, order, turned, regions, thresholds=thresholds)
+        drawing = Drawing.begun(
+            made, size, reach, order, turned, regions, thresholds=thresholds, frozen_alpha=frozen_alpha
+        )
         drawing.push(runs, last=True)
         drawing.wait_until_complete()
         return drawing.pixels()
