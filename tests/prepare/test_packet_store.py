@@ -213,6 +213,7 @@ def test_columns_of_another_level_are_refused(place: Path, tmp_path: Path) -> No
         open_store(str(copy)).mixture(1)
 
 
+REFLECTED = (np.full((65536, 7), 0.1),) * 2
 SPOILT = 12  # places in each file: zstd's checksums are over all bytes, ours to see is that all files have one
 
 
@@ -227,7 +228,7 @@ def read_whole(place: str) -> list[object]:
     table = np.arange(65536.0)[:, None]
     mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]
     seen = [
-        mixture.columns.seen(axis, True, *(np.full((65536, 7), 0.1),) * 2)
+        mixture.columns.seen(axis, True, *REFLECTED)
         for n in range(len(levels))
         if (mixture := store.mixture(n)) and mixture.columns
         for axis in range(3)

@@ -37,8 +37,9 @@ VALUES = (np.arange(16**3) % 251).astype(np.uint8).reshape(16, 16, 16)
 
 @cache
 def deflated(wbits: int) -> bytes:
-    stream = zlib.compressobj(6, zlib.DEFLATED, wbits)
-    return b"".join(stream.compress(bytes(1 << 22)) for _ in range(BOMB_BYTES >> 22)) + stream.flush()
+    stream = zlib.compressobj(1, zlib.DEFLATED, wbits)
+    zeros = bytes(1 << 22)
+    return b"".join(stream.compress(zeros) for _ in range(BOMB_BYTES >> 22)) + stream.flush()
 
 
 @cache

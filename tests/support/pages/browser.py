@@ -56,12 +56,25 @@ def browser_page(browser: Browser) -> Iterator[Page]:
     It is the same tab for all tests of a module: in a new one, whose scripts no process has compiled, the page takes
     nearly twice the work to load. The test fails if a script of the page fails, or breaks the page's own policy.
     """
-    failures: list[str] = []
     origins: set[str] = set()
 
     def note_origin(request: Request) -> None:
         if request.is_navigation_request():
             origins.add("{0.scheme}://{0.netloc}".format(urlsplit(request.url)))
+
+    context = browser.contexts[0]
+    page = _tab(context)
+    context.on("request", note_origin)
+    with no_failures(page):
+        yield page
+        _forget(context, origins)
+        context.remove_listener("request", note_origin)
+
+
+@contextmanager
+def no_failures(page: Page) -> Iterator[None]:
+    """Fails at the end if a script of the page has failed meanwhile, or broken the page's own policy."""
+    failures: list[str] = []
 
     def note_failure(error: Error) -> None:
         failures.append(f"{error.message}\n{error.stack}")
@@ -70,16 +83,45 @@ def browser_page(browser: Browser) -> Iterator[Page]:
         if _POLICY in told.text:
             failures.append(told.text)
 
-    context = browser.contexts[0]
-    page = _tab(context)
-    noted = [(context, "request", note_origin), (page, "pageerror", note_failure), (page, "console", note_breach)]
-    for source, event, note in noted:
-        source.on(event, note)
-    yield page
-    _forget(context, origins)
-    for source, event, note in noted:
-        source.remove_listener(event, note)
+    page.on("pageerror", note_failure)
+    page.on("console", note_breach)
+    yield
+    page.remove_listener("pageerror", note_failure)
+    page.remove_listener("console", note_breach)
     assert not failures, "a script of the page failed:\n" + "\n".join(failures)
+
+
+class KeptPage:
+    """A tab that keeps what it has loaded from test to test, for tests that can put back what they changed.
+
+    To load a page is most of what a short test of it costs.
+    """
+
+    def __init__(self, context: BrowserContext) -> None:
+        self._context = context
+        self._page: Page | None = None
+        self._last_test = ""
+
+    def page(self, test: str) -> tuple[Page, bool]:
+        """The tab, as it was left, and whether it is empty: for the first test, and for one that is tried again."""
+        empty = self._page is None or test == self._last_test
+        if self._page is None or empty:
+            for page in self._context.pages:
+                close_tab(page)
+            self._page = self._context.new_page()
+        for other in self._context.pages:
+            if other is not self._page:
+                close_tab(other)
+        self._last_test = test
+        self._page.evaluate("() => document.activeElement?.blur()")
+        self._page.mouse.move(*_NOWHERE)
+        return self._page, empty
+
+
+@pytest.fixture(scope="module")
+def kept_page(browser: Browser) -> Iterator[KeptPage]:
+    with patient_context(browser, viewport=_WINDOW) as context:
+        yield KeptPage(context)
 
 
 def _tab(context: BrowserContext) -> Page:
