@@ -11,8 +11,8 @@ PEAK = b"VmHWM:"
 
 def peak_memory() -> int:
     """Bytes resident at the peak. On Linux getrusage would count the process that started this one as well."""
-    if os.path.exists(STATUS):
-        return _kilobytes(_status()) * 1024
+    if os.path.exists(STATUS) and PEAK in (status := _status()):
+        return int(status.partition(PEAK)[2].split(maxsplit=1)[0]) * 1024
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
 
@@ -24,7 +24,3 @@ def _status() -> bytes:
         return os.read(status, STATUS_BYTES)
     finally:
         os.close(status)
-
-
-def _kilobytes(status: bytes) -> int:
-    return int(status.partition(PEAK)[2].split(maxsplit=1)[0])

@@ -93,7 +93,9 @@ def density_histogram(survey: Survey, counts: list[int], window: tuple[float, fl
         raise BadInput(f"the values differ by no more than {high - low:g}, too little to tell apart; scale them up")
     width = (survey.high - survey.low) / len(counts)
     values = survey.low + (np.arange(len(counts)) + 0.5) * width
-    return DensityHistogram(window, summed_by_byte((values - low) * scale, counts))
+    with np.errstate(over="ignore"):
+        places = (values - low) * scale
+    return DensityHistogram(window, summed_by_byte(places, counts))
 
 
 def summed_by_byte(places: NDArray[np.floating[Any]], counts: Sequence[int]) -> tuple[int, ...]:

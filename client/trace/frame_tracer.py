@@ -54,8 +54,9 @@ class FrameTracer:
         self._file.name(CLIENT + 1, "client")
         self._began = clock()  # where the file's time starts
         self._servers: dict[int, _Traced] = {}
+        self._changed = threading.Condition()  # guards the one above
         self._frames: dict[int, list[Span]] = {}  # this process's spans, by frame
-        self._changed = threading.Condition()  # guards the two above
+        self._noting = threading.Lock()  # guards that; nothing else is locked within, since whoever sends notes as well
         self._gathering = threading.Lock()  # one frame after the other; guards the file
 
     def joined(self, server: int, name: str, send: Callable[[Message], None]) -> None:
@@ -89,7 +90,7 @@ class FrameTracer:
 
     def note(self, frame: int, row: str, name: str, began: float, ended: float) -> None:
         """What this process was at for a frame, by `clock`; see FrameSpans.note."""
-        with self._changed:
+        with self._noting:
             self._frames.setdefault(frame, []).append(Span(row, name, began, max(began, ended)))
             while len(self._frames) > FRAMES_KEPT:
                 del self._frames[min(self._frames)]
@@ -100,8 +101,10 @@ class FrameTracer:
         A link's thread that sent the request notes so before it sends on, so that the answer says that it has.
         """
         with self._gathering:
+            with self._noting:
+                own = self._frames.setdefault(frame, [])
             with self._changed:
-                own, servers = self._frames.setdefault(frame, []), dict(self._servers)
+                servers = dict(self._servers)
                 for traced in servers.values():
                     idle = not traced.rounds
                     traced.wanted, traced.told = frame, None
@@ -109,6 +112,7 @@ class FrameTracer:
                     if idle:
                         traced.ask()
                 self._changed.wait_for(lambda: all(map(self._is_told, servers, servers.values())), PATIENCE)
+            with self._noting:
                 self._frames.pop(frame, None)
             self._file.add(CLIENT + 1, frame, own, -self._began)
             for server, traced in servers.items():

@@ -82,12 +82,13 @@ def _margins(greatest: NDArray[np.float64]) -> list[float]:
     return margins
 
 
+@np.errstate(over="ignore")  # some files fill with the greatest numbers that there are
 def _edge(values: NDArray[np.float64]) -> float:
     """The value above which something is, of values in order: by Otsu's split of what is empty from what is full."""
     clipped = math.floor(CLIPPED * len(values))
     low, high = float(values[clipped]), float(values[-1 - clipped])
     width = (high - low) / (LAST + 1)
-    if width <= 0.0:  # all that is no margin is of one value
+    if not 0.0 < width < math.inf:  # all that is no margin is of one value, or nobody can tell
         return -math.inf
     bins = np.clip((values - low) / width, 0, LAST).astype(np.intp)
     split = low + (otsu_byte(np.bincount(bins, minlength=LAST + 1).astype(float).tolist()) + 1) * width

@@ -46,6 +46,7 @@ def block_shares(
     least, greatest = (np.array(values).reshape(block_dims(dims)[::-1])[reached[::-1]] for values in extremes)
     empty = least > greatest
 
+    @np.errstate(over="ignore")  # some files fill with the greatest numbers that there are
     def entries(values: NDArray[np.float64]) -> NDArray[np.intp]:
         bytes_ = np.clip((np.where(empty, low, values) - low) * scale, 0.0, TABLE_ENTRIES - 1)
         return (bytes_ + 0.5).astype(np.intp)

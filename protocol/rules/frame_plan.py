@@ -193,7 +193,7 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, drawn: Resolution, gr
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
     reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, strides, scene)
     footprint, gain = _footprint(scene, geometry, grid, strides) if reach == Reach.FOOTPRINT else (None, 1.0)
-    x, y = (_at_samples(dda, strides) if reach == Reach.FOOTPRINT else dda for dda in (grid.x, grid.y))
+    x, y = (_at_samples(dda, (i, j, k)) if reach == Reach.FOOTPRINT else dda for dda in (grid.x, grid.y))
     plan = FramePlan(
         step=step,
         turned=False,
@@ -246,10 +246,19 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
     )
 
 
-def _at_samples(dda: Dda, strides: Index) -> Dda:
-    """Where samples themselves lie: those of even strides lie half a voxel beyond the middles of their blocks."""
-    beyond = sum(step for step, stride in zip(dda.half_steps, strides, strict=True) if stride % 2 == 0)
+def _at_samples(dda: Dda, visits: tuple[AxisVisits, AxisVisits, AxisVisits]) -> Dda:
+    """Where samples themselves lie, but for outermost ones whose blocks the bounds cut, by up to half their stride.
+
+    Those of even strides lie half a voxel beyond the middles of their blocks.
+    """
+    beyond = sum(step * _beyond_middle(one) for step, one in zip(dda.half_steps, visits, strict=True))
     return msgspec.structs.replace(dda, origin=dda.origin + beyond)
+
+
+def _beyond_middle(visits: AxisVisits) -> int:
+    """How far samples lie beyond the middles of their blocks, in half voxels, as the one in the middle does."""
+    middle = visits.count // 2
+    return 2 * visits.index(middle) + 1 - sum(visits.block(middle))
 
 
 def _footprint(scene: Scene, geometry: Geometry, grid: GridOnScreen, strides: Index) -> tuple[FootprintShape, float]:

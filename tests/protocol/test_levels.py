@@ -148,10 +148,11 @@ def test_a_slab_is_as_opaque_without_some_sheets_and_rows(thinning: Thinning, to
     assert (thinned - whole).abs().max() <= STRIDES
 
 
+@pytest.mark.parametrize("layers", [1, 3, 16])
 @pytest.mark.parametrize("thinning", [Thinning(sheets=2), Thinning(sheets=2, rows=2), Thinning(octaves=1)])
-def test_a_voxel_is_seen_in_the_same_place_without_others(thinning: Thinning) -> None:
-    geometry, values = Geometry((16, 16, 16)), torch.zeros((16, 16, 16), dtype=torch.uint8)
-    values[5, 9, 7] = 255
+def test_a_voxel_is_seen_in_the_same_place_without_others(thinning: Thinning, layers: int) -> None:
+    geometry, values = Geometry((16, 16, layers)), torch.zeros((layers, 16, 16), dtype=torch.uint8)
+    values[{1: 0, 3: 1, 16: 5}[layers], 9, 7] = 255
     opac = ScalarTable(points=((0.0, 0.0), (1.0, 0.5)))
     scene = plain_scene(view=View(rotation=OBLIQUE, zoom=3.0), size=(60, 60))
     scene = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=opac))

@@ -13,6 +13,7 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.frame_report import PAPER_SECONDS, FrameReport, report_of, step_table, write_report
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Step
@@ -119,6 +120,11 @@ def test_every_process_tells_its_peak_memory() -> None:
     assert set(memory) == {"client", "splat server 1", "map/shade server 2", "map/shade server 3"}
     assert memory["map/shade server 3"] == 20_000_000
     assert memory["client"] > 10_000_000  # a Python process with torch in it, counted in bytes
+
+
+def test_where_the_system_tells_no_peak_the_resources_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peak_memory, "STATUS", os.devnull)
+    assert peak_memory.peak_memory() > 10_000_000
 
 
 def test_a_written_report_reads_back_equal(tmp_path: Path) -> None:

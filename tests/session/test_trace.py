@@ -1,6 +1,7 @@
 """A trace of a frame: rows of every process, spans that nest, moments that agree within what clocks are off."""
 
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import torch
 
 from support.files.head_volume import head, scene, single, skin
 from support.files.trace_file import Event, Trace
+from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.trace.frame_tracer import FrameTracer
@@ -159,6 +161,23 @@ def test_what_is_noted_before_a_servers_answer_belongs_to_the_frame(tmp_path: Pa
     tracer.finish(9)
     tracer.close()
     assert [span["name"] for span in Trace(tmp_path / "trace.json").of("client", "to one", 9)] == ["RenderFrame"]
+
+
+def test_who_is_asked_within_may_note_from_another_thread(tmp_path: Path) -> None:
+    """As whoever sends to a server while another one is sending to it."""
+    tracer, noted = FrameTracer(tmp_path / "trace.json"), threading.Event()
+
+    def asked(message: Message) -> None:
+        def note() -> None:
+            tracer.note(9, "to one", "RenderFrame", 0.0, 0.0)
+            noted.set()
+
+        threading.Thread(target=note, daemon=True).start()
+        assert noted.wait(PATIENCE)
+
+    tracer.joined(1, "one", asked)
+    assert noted.is_set()
+    tracer.close()
 
 
 def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:

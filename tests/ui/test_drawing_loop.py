@@ -43,6 +43,8 @@ class Drawn:
         self.model = SceneModel(sized(scene, width=SIDE, height=SIDE), session.volume.fitted)
         self._pictures: queue.SimpleQueue[Picture | VolsplatError] = queue.SimpleQueue()
         self.loop = DrawingLoop(session, self.model, self._pictures.put, self._pictures.put)
+        self.firsts: list[Picture] = []
+        self.loop.tell_first(self.firsts.append)
         self.loop.start()
 
     def next(self) -> Picture:
@@ -136,6 +138,13 @@ def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: 
     drawn.zoom_by(1.1, settled=True)  # ends the rest
     steps = {picture.step for picture in drawn.last()}
     assert {Step.F, Step.G} <= steps
+
+
+def test_the_first_picture_whose_step_is_finished_is_told_once(drawn: Drawn) -> None:
+    drawn.zoom_by(1.1, settled=True)
+    drawn.last()
+    (first,) = drawn.firsts
+    assert first.complete and first.step == Step.A
 
 
 def test_pictures_are_encoded_before_they_are_shown_unless_nobody_watches(

@@ -50,11 +50,18 @@ class BrowserTab:
     def __enter__(self) -> BrowserTab:
         at_abrupt_end(self._remove_redirect)
         self._waiting.start()
-        self.open()
+        try:
+            self.open()
+        except BaseException:
+            self._end()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._end()
+
+    def _end(self) -> None:
         self._waiting.close()
         self._remove_redirect()

@@ -11,7 +11,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -51,7 +50,7 @@ class DrawingLoop:
         self._show = show
         self._tell = tell
         self._is_watched = is_watched
-        self.first: Future[Picture] = Future()  # whose step is finished
+        self._on_first: Callable[[Picture], None] | None = None
         self._shown: Picture | None = None  # the newest such
         self._number = 0
         self._drawn_revision = 0
@@ -67,6 +66,10 @@ class DrawingLoop:
         """Safe to call twice."""
         if self._thread.ident is None:
             self._thread.start()
+
+    def tell_first(self, tell: Callable[[Picture], None]) -> None:
+        """Have the first picture whose step is finished told, by the drawing thread. Before it starts."""
+        self._on_first = tell
 
     def close(self) -> None:
         """End what is drawn and the thread; a frame whose server answers no more ends with the session."""
@@ -235,9 +238,13 @@ class DrawingLoop:
             self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         if refinement.complete:
             self._shown = picture
-            if not self.first.done():
-                self.first.set_result(picture)
+            self._tell_first(picture)
         self._show(picture)
+
+    def _tell_first(self, picture: Picture) -> None:
+        tell, self._on_first = self._on_first, None
+        if tell is not None:
+            tell(picture)
 
 
 def _is_laid_over(scene: Scene) -> bool:

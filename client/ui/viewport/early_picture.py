@@ -42,8 +42,8 @@ async def early_image(viewing: Viewing) -> bytes | None:
 
 
 def show_first(viewing: Viewing, show: Callable[[bytes], None]) -> None:
-    """Have the first finished picture shown, as JPEG, as soon as it is drawn."""
-    viewing.loop.first.add_done_callback(lambda first: show(_preview(first.result())))
+    """Have the first finished picture shown, as JPEG, as soon as it is drawn. Before the loop starts."""
+    viewing.loop.tell_first(lambda picture: show(_preview(picture)))
 
 
 def _preview(picture: Picture) -> bytes:

@@ -59,9 +59,10 @@ nb::object copied(const std::vector<Number>& numbers) {
 
 using Rows = nb::ndarray<const std::uint32_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-void check_columns(const Rows& rows, std::size_t depth, const Table& finer, const Table& coarser) {
+void check_columns(const Rows& rows, std::size_t depth, int axis, const Table& finer, const Table& coarser) {
     if (rows.shape(1) != ColumnView::kRow || depth == 0 || rows.shape(0) % depth != 0)
         throw std::invalid_argument("columns have rows of 9 packets, as many each");
+    if (axis < 0 || axis > 2) throw std::invalid_argument("columns run along one of three axes");
     for (const Table* table : {&finer, &coarser}) {
         check_rows(*table, kPlaneEntries);
         if (table->shape(1) != kLookNumbers) throw std::invalid_argument("what voxels look like takes seven numbers");
@@ -79,7 +80,7 @@ nb::tuple python_seen(SeenLight seen) {
 
 nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis, bool from_high, int layers, int places,
                                   const Table& finer, const Table& coarser) {
-    check_columns(rows, depth, finer, coarser);
+    check_columns(rows, depth, axis, finer, coarser);
     const ColumnView view{rows.data(), rows.shape(0) / depth, depth, axis, from_high, layers, places};
     SeenOfLevels seen;
     {
