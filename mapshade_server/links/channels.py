@@ -10,7 +10,8 @@ from volsplat.protocol.messages.messages import ChannelsShared
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.shared_memory import sealed_memory
 
-BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of what is ahead is hidden by then
+LEAST_BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of what is ahead is hidden by then
+BLOCKS = 64  # of all walkers together: by turns a sheet has more for one owner than for the other
 BLOCK_BYTES = 1 << 20  # holds the longest run; what is not touched of it costs nothing, and batches are small
 
 log = logging.getLogger(__name__)
@@ -20,7 +21,8 @@ def shared_channels(link: Connection, walkers: int) -> Sequence[BatchChannel]:
     """A channel for each of so many walkers; none where no memory can be shared. Raises PeerLost."""
     if not link.may_share_memory:
         return []
-    shape = walkers, min(BLOCKS, MOST_CHANNEL_BYTES // (walkers * BLOCK_BYTES)), BLOCK_BYTES
+    most = MOST_CHANNEL_BYTES // (walkers * BLOCK_BYTES)
+    shape = walkers, min(max(LEAST_BLOCKS, BLOCKS // walkers), most), BLOCK_BYTES
     try:
         descriptor = sealed_memory(ChannelMemory.bytes(*shape))
     except OSError as error:
