@@ -10,7 +10,7 @@ from volsplat.protocol.messages.messages import ChannelsShared
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.shared_memory import sealed_memory
 
-LEAST_BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of what is ahead is hidden by then
+LEAST_BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of it is hidden by then
 BLOCKS = 64  # of all walkers together: by turns a sheet has more for one owner than for the other
 BLOCK_BYTES = 1 << 20  # holds the longest run; what is not touched of it costs nothing, and batches are small
 
