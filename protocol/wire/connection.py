@@ -160,7 +160,7 @@ class Connection:
         with self._sending:
             self._send(message, payload, descriptor)
 
-    def send_at_once(self, message: Message, descriptor: int | None = None) -> bool:
+    def send_at_once(self, message: Message) -> bool:
         """Send a message without payload if that goes without waiting; returns whether it was sent. See send().
 
         It waits for nobody if it is short, nothing else is being sent, and the peer has read most of what went before.
@@ -170,7 +170,7 @@ class Connection:
         try:
             if len(encode_control(message)) > SHORT_MESSAGE or not self.has_room:
                 return False
-            self._send(message, (), descriptor)
+            self._send(message, (), None)
             return True
         finally:
             self._sending.release()
