@@ -20,13 +20,7 @@ const VoxelLook kNothing{0.0, 1.0, 0.0, {}};
 // A table of what voxels look like, and the light that is seen of them.
 class Sight {
 public:
-    explicit Sight(const VoxelLook* table)
-        : table_(table), shows_(kPlaneEntries), reflected_(kLightSteps * kDirectionCodes) {
-        for (int entry = 0; entry < kPlaneEntries; ++entry) shows_[entry] = table[entry].depth != 0.0;
-    }
-
-    // Whether anything is seen of a voxel: most columns are empty for the most part, and these bytes stay in the cache.
-    bool shows(std::uint32_t packet) const { return packet >> kNoDataBit == 0 && shows_[packet & (kPlaneEntries - 1)]; }
+    explicit Sight(const VoxelLook* table) : table_(table), reflected_(kLightSteps * kDirectionCodes) {}
 
     const VoxelLook& of(std::uint32_t packet) const {
         return packet >> kNoDataBit == 0 ? table_[packet & (kPlaneEntries - 1)] : kNothing;
@@ -53,7 +47,6 @@ public:
 
 private:
     const VoxelLook* table_;
-    std::vector<std::uint8_t> shows_;
     double emitted_ = 0.0;
     std::vector<double> reflected_;  // kLightSteps to a direction code
 };
@@ -134,10 +127,7 @@ SeenOfLevels seen_in_columns(const ColumnView& view, const VoxelLook* finer, con
         for (std::size_t n = 0; n < view.depth && (fine.through() > kHidden || coarse.through() > kHidden); ++n) {
             const std::size_t at = view.from_high ? view.depth - 1 - n : n;
             const std::uint32_t* const row = view.rows + (column * view.depth + at) * ColumnView::kRow;
-            if (coarse_sight.shows(*row)) coarse.row(row);
-            bool shows = false;
-            for (int child = 1; child < ColumnView::kRow; ++child) shows |= fine_sight.shows(row[child]);
-            if (!shows) continue;
+            coarse.row(row);
             for (int layer = 0; layer < 2; ++layer) {
                 const int side = view.from_high ? 1 - layer : layer;
                 std::uint32_t packets[kPlaces];
