@@ -104,18 +104,15 @@ class KeptPage:
 
     def page(self, test: str) -> tuple[Page, bool]:
         """The tab, as it was left, and whether it is empty: for the first test, and for one that is tried again."""
-        empty = self._page is None or test == self._last_test
-        if self._page is None or empty:
-            for page in self._context.pages:
-                close_tab(page)
-            self._page = self._context.new_page()
-        for other in self._context.pages:
-            if other is not self._page:
-                close_tab(other)
+        kept = None if test == self._last_test else self._page
+        page = self._page = kept or self._context.new_page()
         self._last_test = test
-        self._page.evaluate("() => document.activeElement?.blur()")
-        self._page.mouse.move(*_NOWHERE)
-        return self._page, empty
+        for other in self._context.pages:
+            if other is not page:
+                close_tab(other)
+        page.evaluate("() => document.activeElement?.blur()")
+        page.mouse.move(*_NOWHERE)
+        return page, kept is None
 
 
 @pytest.fixture(scope="module")
