@@ -24,6 +24,15 @@ inline Integers counted_from(std::int32_t first) {
 // A bit for each of the first `count` lanes, or for all.
 inline std::uint32_t lanes_before(std::size_t count) { return count < kWidest ? (1u << count) - 1 : ~std::uint32_t{0}; }
 
+// Writes the first `count` lanes, or all.
+inline void store_first(float* numbers, const Reals& lanes, std::size_t count) {
+    if (count >= kWidest) {
+        store(numbers, lanes);
+    } else {
+        __builtin_memcpy(numbers, &lanes, count * sizeof(float));
+    }
+}
+
 #if defined(__AVX512F__)
 
 // A bit for each lane: its highest one.
@@ -86,6 +95,7 @@ inline Words whole_part(double start, double step, Integers n) {
 }
 
 inline Reals at_least_0(Reals a) { return _mm512_maskz_max_ps(0xFFFF, a, _mm512_setzero_ps()); }
+inline Reals square_root(Reals a) { return _mm512_maskz_sqrt_ps(0xFFFF, a); }
 
 // Blocks of four lanes: four numbers from the address of each block.
 template <class AddressOf>
@@ -190,6 +200,7 @@ inline Words whole_part(double start, double step, Integers n) {
 }
 
 inline Reals at_least_0(Reals a) { return _mm256_max_ps(a, _mm256_setzero_ps()); }
+inline Reals square_root(Reals a) { return _mm256_sqrt_ps(a); }
 
 template <class AddressOf>
 inline Reals blocks(const AddressOf& address_of) {
@@ -278,6 +289,13 @@ inline Words whole_part(double start, double step, Integers n) {
 }
 
 inline Reals at_least_0(Reals a) { return (Reals)((Integers)a & (a > 0.0f)); }
+inline Reals square_root(Reals a) {
+#if defined(__SSE2__)
+    return _mm_sqrt_ps(a);
+#else
+    return Reals{__builtin_sqrtf(a[0]), __builtin_sqrtf(a[1]), __builtin_sqrtf(a[2]), __builtin_sqrtf(a[3])};
+#endif
+}
 
 template <class AddressOf>
 inline Reals blocks(const AddressOf& address_of) {

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <mutex>
+#include <numeric>
 #include <stdexcept>
 #include <thread>
 
@@ -16,12 +17,18 @@ namespace {
 // Keeps rounding noise in an extent from adding a column; the weight there is below 1e-6.
 constexpr double kRimSlack = 1e-9;
 
+// Numbers of a band's weights that a thread keeps in its nearest cache.
+constexpr int kWeightsOfBand = 1 << 11;
+
 // Below, starting a thread takes longer than it saves.
 constexpr std::size_t kWeightsWorthAThread = 1 << 14;
 
 int pixels_across(double half_extent) {
     return std::max(1, static_cast<int>(std::ceil(2 * (half_extent - kRimSlack))));
 }
+
+// Where padding lies on the x axis, in pixels: no footprint reaches as far.
+constexpr float kFarAway = 1e9f;
 
 // The weights from one row to the next: a box's rows are whole vectors.
 int padded(int width) { return width > kNarrowBox && width <= kWideBox ? kWideBox : (width + 3) & -4; }
@@ -64,36 +71,43 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
     clamped_ = ellipse.amplitude * projection.at_square(0) > 1;  // P falls from its middle on
     const int offsets = 1 << offset_bits;
     weight_count_ = static_cast<std::size_t>(offsets) * offsets * height_ * pitch_;
-    memory_ = zeros(weight_count_ + 2 * kWeightMargin);
+    memory_ = large_array<float>(weight_count_ + 2 * kWeightMargin);
+    std::fill_n(memory_.get(), kWeightMargin, 0.0f);
+    std::fill_n(weights() + weight_count_, kWeightMargin, 0.0f);
     const std::vector<float> scaled = projection.over_half_chord(ellipse.amplitude);
+    const std::vector<float> x = columns_of_band();
     const auto intervals = static_cast<std::int32_t>(scaled.size()) - 2;
     const FootprintBox box{static_cast<float>(ellipse.qxx),
-                           static_cast<float>(ellipse.qxy),
-                           static_cast<float>(ellipse.qyy),
                            static_cast<float>(projection.radius() * projection.radius()),
                            static_cast<float>(intervals / projection.radius()),
                            scaled.data(),
                            intervals,
-                           width_,
-                           height_,
-                           pitch_,
                            offsets,
                            start_x_.at.data(),
-                           start_y_.at.data()};
-    fill(box, threads);
+                           static_cast<std::size_t>(height_) * pitch_,
+                           x.data()};
+    fill(box, ellipse, threads);
+}
+
+int FootprintTable::rows_of_band() const { return std::clamp(kWeightsOfBand / pitch_, 1, height_); }
+
+std::vector<float> FootprintTable::columns_of_band() const {
+    std::vector<float> x(static_cast<std::size_t>(rows_of_band()) * pitch_ + kBandMargin, kFarAway);
+    for (int y = 0; y < rows_of_band(); ++y) std::iota(x.begin() + y * pitch_, x.begin() + y * pitch_ + width_, 0.0f);
+    return x;
 }
 
 // Each thread fills rows of offsets in turns, and finds what they reach.
-void FootprintTable::fill(const FootprintBox& box, int threads) {
+void FootprintTable::fill(const FootprintBox& box, const Ellipse& ellipse, int threads) {
     spans_.assign(height_, {width_, 0});
-    const std::size_t in_row = static_cast<std::size_t>(box.offsets) * height_ * pitch_;
+    const std::size_t in_row = box.offsets * box.weights;
     std::atomic<int> next{0};
     std::mutex joining;
     const auto work = [&] {
         for (int fy = next++; fy < box.offsets; fy = next++) {
-            float* const row = weights() + fy * in_row;
-            splat_kernels().fill_footprints(box, fy, row);
-            const std::vector<RowSpan> reached = spans_of(row, box.offsets);
+            const float top = static_cast<float>(start_y_.at[fy]) - static_cast<float>(fy) / box.offsets;
+            fill_row(box, ellipse, top, weights() + fy * in_row);
+            const std::vector<RowSpan> reached = spans_of(weights() + fy * in_row, box.offsets);
             const std::lock_guard locked(joining);
             for (int y = 0; y < height_; ++y)
                 spans_[y] = {std::min(spans_[y].begin, reached[y].begin), std::max(spans_[y].end, reached[y].end)};
@@ -103,6 +117,21 @@ void FootprintTable::fill(const FootprintBox& box, int threads) {
     const auto worth = static_cast<int>(weight_count_ / kWeightsWorthAThread);
     for (int n = 1; n < std::min({threads, box.offsets, worth}); ++n) helpers.emplace_back(work);
     work();
+}
+
+void FootprintTable::fill_row(const FootprintBox& box, const Ellipse& ellipse, float top, float* row) const {
+    std::vector<float> along_y(rows_of_band() * pitch_ + kBandMargin), twice_xy(along_y.size());
+    const auto qyy = static_cast<float>(ellipse.qyy), qxy = static_cast<float>(ellipse.qxy);
+    for (int first = 0; first < height_; first += rows_of_band()) {
+        const int rows = std::min(rows_of_band(), height_ - first);
+        for (int y = 0; y < rows; ++y) {
+            const float dy = top + static_cast<float>(first + y);
+            std::fill_n(along_y.begin() + y * pitch_, pitch_, qyy * dy * dy);
+            std::fill_n(twice_xy.begin() + y * pitch_, pitch_, 2.0f * qxy * dy);
+        }
+        const FootprintBand band{static_cast<std::size_t>(rows) * pitch_, along_y.data(), twice_xy.data()};
+        splat_kernels().fill_footprints(box, band, row + static_cast<std::size_t>(first) * pitch_);
+    }
 }
 
 // What the rows of so many boxes reach together.

@@ -44,7 +44,12 @@ private:
     };
 
     float* weights() const { return memory_.get() + kWeightMargin; }
-    void fill(const FootprintBox& box, int threads);
+    int rows_of_band() const;
+    // Of each weight of a band its pixel's number from the left; far away for padding.
+    std::vector<float> columns_of_band() const;
+    void fill(const FootprintBox& box, const Ellipse& ellipse, int threads);
+    // The boxes of a row of offsets; their first rows of pixels lie at y = `top` from the sample.
+    void fill_row(const FootprintBox& box, const Ellipse& ellipse, float top, float* row) const;
     std::vector<RowSpan> spans_of(const float* boxes, std::size_t count) const;
 
     int offset_bits_, width_, height_, pitch_;

@@ -14,8 +14,8 @@ struct SplatKernels {
     // Splats spans of merged runs into rows of the image.
     Kernel<SplatOutcome(const SplatJob& job)> splat;
 
-    // Writes [offsets y][offsets x][height][pitch] weights into zeros.
-    Kernel<void(const FootprintBox& box, int fy, float* weights)> fill_footprints;
+    // Writes a band of [offsets x][height][pitch] weights; `weights` are where it begins in the first box.
+    Kernel<void(const FootprintBox& box, const FootprintBand& band, float* weights)> fill_footprints;
 
     // Finds the voxels of runs, behind those found before, for which there is room; returns how many are hidden.
     Kernel<std::uint64_t(const SlabTableView& table, const SlabSums& sums, const ImageView& image, const SlabRuns& runs,
