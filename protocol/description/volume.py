@@ -1,6 +1,7 @@
 """What a volume is to everybody but its reader: its grid, its place in physical space, and boxes of its grid."""
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import msgspec
@@ -15,6 +16,8 @@ Index = tuple[int, int, int]  # always grid (i, j, k)
 
 LONGEST_AXIS = 2**31 - 1  # voxels
 MOST_VOXELS = 2**48  # of a volume: their bytes are counted in 64 bits, and so is what is kept of each
+
+KEPT_PLACES = 64  # matrices of which what follows is remembered: each frame brings the same ones to each server
 
 HALO = 1  # voxels around a sub-cube that its gradients need
 
@@ -111,13 +114,7 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(
                 f"a volume has at most {LONGEST_AXIS} voxels on each axis and {MOST_VOXELS} in all, not {self.dims}"
             )
-        inverse = matrices.inverse(self.index_to_physical)
-        numbers = (*self.origin, *self.spacing, *(entry for row in inverse for entry in row))
-        if not all(map(math.isfinite, numbers)) or min(self.spacing) <= 0.0 or not self.reference_spacing > 0.0:
-            raise ValueError(
-                f"a volume's place in space must be of a size that float64 can compute with; index_to_physical is "
-                f"{self.index_to_physical}, origin {self.origin}"
-            )
+        _check_place(self.index_to_physical, self.origin)
 
     @property
     def box(self) -> Box:
@@ -126,17 +123,39 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def spacing(self) -> Vector:
         """Physical length of one step along i, j and k."""
-        m = self.index_to_physical
-        return tuple(matrices.length(matrices.column(m, axis)) for axis in range(3))  # type: ignore[return-value]
+        return _spacing(self.index_to_physical)
 
     @property
     def reference_spacing(self) -> float:
         """The cube root of a voxel's volume, in physical units."""
-        return matrices.cube_root(abs(matrices.determinant(self.index_to_physical)))
+        return _reference_spacing(self.index_to_physical)
 
     def physical(self, index: Vector) -> Vector:
         """The physical position of a grid point."""
         return matrices.plus(matrices.applied(self.index_to_physical, index), self.origin)
+
+
+@lru_cache(KEPT_PLACES)
+def _check_place(index_to_physical: Matrix, origin: Vector) -> None:
+    inverse = matrices.inverse(index_to_physical)
+    spacing, reference_spacing = _spacing(index_to_physical), _reference_spacing(index_to_physical)
+    numbers = (*origin, *spacing, *(entry for row in inverse for entry in row))
+    if not all(map(math.isfinite, numbers)) or min(spacing) <= 0.0 or not reference_spacing > 0.0:
+        raise ValueError(
+            f"a volume's place in space must be of a size that float64 can compute with; index_to_physical is "
+            f"{index_to_physical}, origin {origin}"
+        )
+
+
+@lru_cache(KEPT_PLACES)
+def _spacing(index_to_physical: Matrix) -> Vector:
+    i, j, k = (matrices.length(matrices.column(index_to_physical, axis)) for axis in range(3))
+    return (i, j, k)
+
+
+@lru_cache(KEPT_PLACES)
+def _reference_spacing(index_to_physical: Matrix) -> float:
+    return matrices.cube_root(abs(matrices.determinant(index_to_physical)))
 
 
 class GridAxis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

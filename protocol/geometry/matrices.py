@@ -6,7 +6,6 @@ that each machine of a lab derives the same bits.
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]  # rows
@@ -118,7 +117,6 @@ def quaternion_from_rotation(m: Matrix) -> tuple[float, float, float, float]:
     return (x / size, y / size, z / size, w / size)
 
 
-@lru_cache(maxsize=64)
 def cube_root(value: float) -> float:
     """The cube root of a positive number by Newton's method, since libm's differs between machines."""
     _, exponent = math.frexp(value)

@@ -6,6 +6,7 @@ scaled to integrate to 1 over the plane. Q is the inverse of the upper 2x2 block
 """
 
 import math
+from functools import lru_cache
 
 import msgspec
 
@@ -65,7 +66,7 @@ class FootprintShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     precise: bool = False  # at all offsets that positions have, though that be slower
 
     def __post_init__(self) -> None:
-        Reconstruction(radius=self.radius)
+        _check_radius(self.radius)
         if not (0 < min(self.qxx, self.qyy) and max(self.qxx, self.qyy, abs(self.qxy)) <= GREATEST_COEFFICIENT):
             raise ValueError(f"a footprint must be an ellipse, not of {self.qxx}, {self.qxy} and {self.qyy}")
         if not (0 < self.half_width < math.inf and 0 < self.half_height < math.inf):
@@ -78,6 +79,11 @@ class FootprintShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return msgspec.structs.replace(
             self, qxx=self.qyy, qyy=self.qxx, half_width=self.half_height, half_height=self.half_width
         )
+
+
+@lru_cache(8)  # each frame brings the same one
+def _check_radius(radius: float) -> None:
+    Reconstruction(radius=radius)
 
 
 def kernel_radius(reconstruction: Reconstruction) -> float:
