@@ -1,10 +1,17 @@
 # `make install` sets up .venv for use, `make demo` draws with it, `make test` sets it up for work and tests everything.
 
+# Two parts at a time: what is loaded from the network beside what computes, mypy beside the tests.
+MAKEFLAGS += --jobs=2
+unexport MAKEFLAGS  # or ninja would compile on two cores of however many
+
 PYTHON ?= python3
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+# pip would compile modules on one core, and the libraries' own tests as well. Some are for other Pythons, and fail.
+export PIP_COMPILE := 0
+COMPILE := @$(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib || true
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 SHARED_NUMBERS := $(addprefix protocol/rules/,closed_tiles.py image_tiles.py index_rules.py packet_layout.py rounding.py)
@@ -33,12 +40,13 @@ COMPILING := 3 of 3: volsplat and what it needs; compiling its kernels takes a m
 $(INSTALLED): $(BUILD_INPUTS) $(TORCH)
 	@echo "$(COMPILING)"
 	$(PIP) install -c constraints.txt '.[torch,ui,formats,pdf]'
+	$(COMPILE)
 	@touch $@
 
 # With build tools that stay where they are, only what has changed is compiled again: pip would load them into a new
 # folder each time.
 BUILD_TOOLS := $(VENV)/.build_tools
-$(BUILD_TOOLS): pyproject.toml | $(VENV)/bin/python
+$(BUILD_TOOLS): pyproject.toml | $(TORCH)
 	$(PIP) install $$($(BIN)/python -c "import tomllib; \
 		print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['build'])")
 	@touch $@
@@ -46,6 +54,7 @@ $(BUILD_TOOLS): pyproject.toml | $(VENV)/bin/python
 $(READY): $(BUILD_INPUTS) $(TORCH) $(BUILD_TOOLS)
 	@echo "$(COMPILING)"
 	$(PIP) install -c constraints.txt --no-build-isolation --editable '.[dev]'
+	$(COMPILE)
 	@touch $@
 
 # A .venv that is set up for work serves for use as well.
@@ -86,7 +95,7 @@ tools:
 
 CPP := $(foreach room,kernels kernels/channels kernels/tables */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))
 
-# In parts that -j does side by side: mypy takes a core for a minute.
+# Lint comes first, whose seconds need not wait for a quarter of an hour; mypy takes a core for half a minute.
 test: lint types tried ## lint, type-check and test, the properties on the baseline CPU path as well
 .PHONY: lint types tried
 lint: $(READY)
