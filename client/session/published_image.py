@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from volsplat.client.coordinator.coordinator_events import ImagePart
 from volsplat.program.extras import need
@@ -46,6 +46,10 @@ class PublishedImage:
             pixels = np.frombuffer(part.pixels, np.float32).reshape(rows, columns, 4)
             whole[top : top + rows, left : left + columns] = pixels
         return cls(whole.data.cast("B"), width, height, all(part.read.exact for part in parts))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For pickle, as of processes that draw for one another."""
+        return PublishedImage, (bytearray(self.memory), self.width, self.height, self.exact)
 
     @cached_property
     def pixels(self) -> NDArray[np.float32]:

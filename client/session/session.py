@@ -34,6 +34,7 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.coordinator.coordinator_events import (
     FolderAsked,
     Found,
@@ -149,6 +150,7 @@ class Session:
         self._coordination = Coordination(self._tracer, on_progress)
         self.counts = Counts()  # what was done, and lost
         self._has_volume = name is not None
+        self._opened_by = OwnProcess()
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
 
@@ -325,6 +327,7 @@ class Session:
         What does not lie below the root, links followed, is not told. Frames that run go on.
         Raises BadInput if there is no such folder, or it cannot be read, and PeerLost if no server is there to look.
         """
+        self._opened_by.check()
         seen = self._as_servers_see(checked_volume(root))
         if self._has_volume:
             self.volume  # noqa: B018  until it is known there may be no server
@@ -356,13 +359,17 @@ class Session:
 
         With `another` those started by hand look for one more session at the same address.
         Ctrl-C meanwhile waits for that: nothing may be left of the servers.
+        Does nothing in a process that was forked from the session's, which goes on.
         """
+        if not self._opened_by.is_here:
+            return
         with interrupts_held(on_signal=lambda: None), self._closing:
             if not self._closed:
                 self._closed = True
                 self._close(another)
 
     def _check_has_volume(self) -> None:
+        self._opened_by.check()
         if not self._has_volume:
             raise BadInput("this session has no volume, of which it could tell or draw; open one that has")
 

@@ -24,6 +24,7 @@ from volsplat.client.caller.arguments import (
     checked_step,
     checked_volume,
 )
+from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
@@ -116,6 +117,7 @@ class SingleProcess:
         self._say = on_progress or (lambda text: None)
         self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._threads = threads
+        self._opened_by = OwnProcess()
         self._owners = Owners(threads)
         self._news = Bell()
         self._shares = RegionShares()
@@ -267,7 +269,8 @@ class SingleProcess:
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, servers))
 
     def _begun(self, scene: Scene, step: Step) -> tuple[messages.RenderFrame, FrameAssembly]:
-        """Have the threads draw it, and nothing else any more."""
+        """Have the threads draw it, and nothing else any more. Raises BadInput."""
+        self._opened_by.check()
         self.volume.check_step(step)
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
         self._frame += 1
@@ -370,7 +373,9 @@ class SingleProcess:
             raise
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads, unless this process was forked and has none."""
+        if not self._opened_by.is_here:
+            return
         self._owners.close()
         if self._tracer is not None:
             self._tracer.close()

@@ -1,8 +1,9 @@
 """The volume as the client knows it; scenes and quantisation follow from it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from typing import Any
 
 import msgspec
 
@@ -40,6 +41,10 @@ class SurveyedVolume:
     strength_counts: list[int]  # over strength_range
     extremes: BlockExtremes
     prepared: Prepared | None = None  # where its packets were made before
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle: what it is made of, without what was worked out from that."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def automatic_window(self) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -50,6 +51,15 @@ def test_an_image_is_numbers_and_a_picture(image: vs.RenderedImage) -> None:
 def test_a_saved_image_holds_its_scene(image: vs.RenderedImage, tmp_path: Path) -> None:
     image.save(tmp_path / "ball.png")
     assert read_scene(tmp_path / "ball.png") == image.scene
+
+
+def test_images_can_be_sent_from_process_to_process(image: vs.RenderedImage, tmp_path: Path) -> None:
+    for number, one in enumerate((image, image.figure(text_size=4))):
+        sent = pickle.loads(pickle.dumps(one))
+        for picture, path in ((one, tmp_path / f"{number}.png"), (sent, tmp_path / f"{number}-sent.png")):
+            picture.save(path)
+        assert (tmp_path / f"{number}-sent.png").read_bytes() == (tmp_path / f"{number}.png").read_bytes()
+    assert pickle.loads(pickle.dumps(image)).tensor.equal(image.tensor)
 
 
 def test_presets_are_there_by_name() -> None:

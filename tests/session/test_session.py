@@ -4,6 +4,8 @@ import gc
 import signal
 import threading
 from collections.abc import Iterator
+from multiprocessing import Pipe, get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
@@ -13,7 +15,7 @@ import torch
 
 from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from tolerances import ROUNDING
 from volsplat.client import Session
@@ -265,3 +267,26 @@ def test_a_server_for_which_there_is_no_thread_is_waited_for_by_nobody(
 def test_no_workers_are_bad_input(head: Path) -> None:
     with pytest.raises(BadInput, match="workers must be 1 or more, not 0"):
         Session(head, workers=0)
+
+
+@pytest.mark.parametrize("renderer", ["session", "single"])
+def test_a_forked_process_is_told_to_open_its_own_and_takes_nothing_from_its_parent(
+    renderer: str, request: pytest.FixtureRequest
+) -> None:
+    opened: Session | SingleProcess = request.getfixturevalue(renderer)
+    whole = opened.render(skin(opened))
+
+    def use_it(told: Connection) -> None:
+        try:
+            opened.render(skin(opened))
+        except BadInput as error:
+            told.send(str(error))
+        opened.close()
+
+    told, tells = Pipe()
+    forked = get_context("fork").Process(target=use_it, args=(tells,), daemon=True)
+    forked.start()
+    assert told.poll(PATIENCE) and "open it anew in each process" in told.recv()
+    forked.join(PATIENCE)
+    assert forked.exitcode == 0
+    assert torch.equal(opened.render(skin(opened)), whole)
