@@ -27,6 +27,13 @@ def source_of(array: Any) -> ArraySource | None:
 
     Also of types that are derived from a library's own.
     """
+    try:
+        return _told_by(array)
+    except (TypeError, NotImplementedError) as error:  # a sparse tensor, one without numbers
+        raise BadInput(f"the {type(array).__name__} gives no numbers that could be drawn: {error}") from None
+
+
+def _told_by(array: Any) -> ArraySource | None:
     for one in type(array).__mro__:
         told = _BY_MODULE.get(one.__module__.partition(".")[0])
         if told is not None and hasattr(array, told[0]):
@@ -75,6 +82,10 @@ def _unit(variable: Any) -> str:
 
 def _xarray(array: Any) -> ArraySource:
     """Of axes with the names x, y and z each is itself; otherwise the last is x."""
+    if not hasattr(array, "ndim"):
+        raise BadInput(
+            f"a {type(array).__name__} has variables, of which each may be a volume; choose one, as data['NAME']"
+        )
     _check_axes(array.ndim, "choose the others' places, as in array.isel(time=0)")
     named = {str(name).lower(): name for name in array.dims}
     order = [named[axis] for axis in "zyx"] if set(named) == set("xyz") else list(array.dims)

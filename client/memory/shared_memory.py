@@ -39,6 +39,9 @@ def shared_memory(description: VolumeDescription, values: Any) -> SharedMemory:
     except (OSError, MemoryError) as error:
         memory.close()
         raise BadInput(f"the array does not fit into this machine's memory once more: {error}") from None
+    except TypeError as error:  # as of arrays on a GPU, which say how to fetch them
+        memory.close()
+        raise BadInput(f"the array gives no numbers that could be drawn: {error}") from None
     fcntl.fcntl(memory.descriptor, fcntl.F_ADD_SEALS, _NO_CHANGES)
     return memory
 

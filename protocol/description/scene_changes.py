@@ -116,7 +116,9 @@ def _colour(value: Any) -> Colour:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers and arrays of numpy and torch as Python's own."""
+    """Numbers and arrays of numpy and torch as Python's own, also within lists."""
+    if isinstance(value, list | tuple):
+        return tuple(map(_plain, value))
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -20,6 +20,7 @@ RED = (1.0, 0.0, 0.0)
     ("changes", "toml"),
     [
         ({"size": (300, 200)}, "image.width = 300\nimage.height = 200"),
+        ({"size": (np.int32(300), np.int64(200))}, "image.width = 300\nimage.height = 200"),
         ({"size": 300}, "image.width = 300\nimage.height = 300"),
         ({"rotation": "top", "zoom": np.float32(2)}, "view = {rotation = [0, 0, 1, 0], zoom = 2}"),
         ({"rotation": np.array([0.0, 0.0, 0.0, 1.0])}, "view.rotation = [0, 0, 0, 1]"),

@@ -90,6 +90,18 @@ PLACED: dict[str, tuple[Callable[[], Any], tuple[tuple[float, ...], ...], tuple[
 }
 
 
+class OnGraphicsCard:
+    """As CuPy's arrays, which copy nothing unless they are told to."""
+
+    shape, dtype = VALUES.shape, VALUES.dtype
+
+    def __getitem__(self, part: object) -> OnGraphicsCard:
+        return self
+
+    def __array__(self, *asked: object, **options: object) -> None:
+        raise TypeError("fetch it by .get()")
+
+
 HIDDEN = np.ma.masked_greater(VALUES, 2000)
 
 
@@ -185,6 +197,10 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
         (VALUES, {"spacing": (1, 2, 0)}, "the array has no place in space"),
         (VALUES, {"kind": "CAT"}, "is none of"),
         (object(), {}, "a volume is wanted, not a object"),
+        (xarray.Dataset({"cells": labelled()}), {}, "a Dataset has variables, of which each may be a volume; choose"),
+        (torch.from_numpy(VALUES).to_sparse(), {}, "the Tensor gives no numbers that could be drawn"),
+        (torch.empty((2, 2, 2), device="meta"), {}, "the Tensor gives no numbers that could be drawn"),
+        (OnGraphicsCard(), {"spacing": (1, 1, 1)}, "gives no numbers that could be drawn: fetch it by .get()"),
     ],
 )
 @UNKNOWN
