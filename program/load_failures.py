@@ -6,7 +6,8 @@ import errno
 from collections.abc import Iterator
 from traceback import walk_tb
 
-_FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
+_NO_THREAD = "can't start new thread"
+_FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", _NO_THREAD, "bad_alloc")
 _SHARED_OBJECTS = (".so", ".dylib")
 
 
@@ -14,6 +15,8 @@ def load_failure(error: BaseException) -> str | None:
     """The cause and the cure if memory does not suffice or a library could not be loaded, else None."""
     for cause in _causes(error):
         said = str(cause).strip().partition("\n")[0]
+        if isinstance(cause, RuntimeError) and said == _NO_THREAD:
+            return f"not enough memory or processes ({said}); end some, or raise the limits (`ulimit -u`, `ulimit -v`)"
         if isinstance(cause, MemoryError) or _for_want_of_memory(cause, said):
             for_what = " to load a library" if _while_importing(cause) else ""
             told = f" ({said})" if said else ""

@@ -16,6 +16,7 @@ from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTER
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
+from volsplat.program.place_failures import place_failure
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.roles import Role
@@ -181,6 +182,8 @@ def run_server(module: str, name: str, title: str, given: object = None) -> NoRe
     except (KeyboardInterrupt, click.Abort):
         _end(title, "interrupted", EXIT_INTERRUPTED)
     except Exception as error:
+        if (told := place_failure(error)) is not None:
+            _end(title, str(told), EXIT_BAD_INPUT if isinstance(told, BadInput) else EXIT_FAILED)
         if (line := load_failure(error)) is None:
             raise
         _end(title, line, EXIT_BAD_INPUT)

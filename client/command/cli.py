@@ -3,7 +3,6 @@
 Every mistake of the person at the keyboard is one line on stderr and exit status 2.
 """
 
-import errno
 import os
 import signal
 import sys
@@ -14,7 +13,6 @@ from typing import NoReturn
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 
 COMPLETION = "_VOLSPLAT_COMPLETE"  # set by the shell that asks what a word may become
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # as for what is printed into a file
 
 
 def main() -> NoReturn:
@@ -31,6 +29,7 @@ def _status() -> int:
     from volsplat.client.command.commands import reading_modules, starts_servers, volsplat
     from volsplat.deploy.forked_servers import begin_ahead
     from volsplat.program.load_failures import load_failure
+    from volsplat.program.place_failures import place_failure
     from volsplat.protocol.text.errors import BadInput, VolsplatError
 
     if not sys.warnoptions:  # what libraries say to programmers is not for whoever uses the command
@@ -60,9 +59,8 @@ def _status() -> int:
     except SystemExit as error:
         return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else 0
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in NO_SPACE:
-            place, reason = error.filename or "the output", os.strerror(error.errno)
-            return _told(f"{place} cannot be written: {reason}; write it elsewhere", EXIT_FAILED)
+        if (told := place_failure(error)) is not None:
+            return _told(str(told), EXIT_BAD_INPUT if isinstance(told, BadInput) else EXIT_FAILED)
         if (line := load_failure(error)) is None:
             raise
         return _told(line, EXIT_BAD_INPUT)

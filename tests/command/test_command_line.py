@@ -19,6 +19,7 @@ from support.programs.programs import VOLSPLAT, Person, is_under_way
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import PHANTOMS, make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.program.exit_status import EXIT_BAD_INPUT
 
 SIZE = ["--size", "96x96"]
 INTERRUPTED = 130
@@ -325,7 +326,9 @@ def test_a_client_that_is_killed_takes_its_servers_along(person: Person, head: P
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
-@pytest.mark.parametrize("command", [["scene", "--preset", "ct-bone"], ["info", "head.nrrd"], ["--help"]])
+@pytest.mark.parametrize(
+    "command", [["scene", "--preset", "ct-bone"], ["info", "head.nrrd"], ["--help"], ["splat-server", "--help"]]
+)
 def test_a_full_disk_behind_the_output_is_told_in_one_line(person: Person, head: Path, command: list[str]) -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(
@@ -337,4 +340,26 @@ def test_a_full_disk_behind_the_output_is_told_in_one_line(person: Person, head:
             timeout=PATIENCE,
         )
     assert done.returncode == 1
-    assert done.stderr == "volsplat: the output cannot be written: No space left on device; write it elsewhere\n"
+    program = "splat-server" if "splat-server" in command else "volsplat"
+    assert done.stderr == f"{program}: the output cannot be written: No space left on device; write it elsewhere\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["info", "N"],
+        ["scene", "N"],
+        ["render", "N", "-o", "a.png"],
+        ["render", "head.nrrd", "-o", "N/a.png"],
+        ["render", "head.nrrd", "-o", "a.png", "--steps-dir", "N"],
+        ["movie", "head.nrrd", "-o", "N"],
+        ["export", "head.nrrd", "-o", "N.ply"],
+        ["phantom", "ramp", "-o", "N/a.nrrd"],
+        ["bench", "paper", "N"],
+    ],
+)
+def test_a_place_that_the_system_refuses_is_one_line(head: Path, command: list[str]) -> None:
+    """Here by a name that is too long; folders that others own, which root may enter, come the same way."""
+    done = Person(head.parent).runs(*(word.replace("N", "n" * 300) for word in command))
+    assert done.returncode == EXIT_BAD_INPUT
+    assert done.stderr.count("\n") == 1 and "(File name too long); check its name" in done.stderr

@@ -31,6 +31,9 @@ def test_want_of_memory_is_told_whatever_it_is_wrapped_into() -> None:
         line = load_failure(error)
         assert line is not None and "not enough memory" in line and "\n" not in line
 
+    processes = load_failure(RuntimeError("can't start new thread"))
+    assert processes is not None and "`ulimit -u`" in processes
+
 
 def test_a_library_is_named_only_while_one_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "large_library.py").write_text("raise MemoryError\n")

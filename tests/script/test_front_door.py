@@ -54,7 +54,8 @@ def test_a_saved_image_holds_its_scene(image: vs.RenderedImage, tmp_path: Path) 
 
 
 def test_images_can_be_sent_from_process_to_process(image: vs.RenderedImage, tmp_path: Path) -> None:
-    for number, one in enumerate((image, image.figure(text_size=4))):
+    both: list[vs.RenderedImage | vs.RenderedFigure] = [image, image.figure(text_size=4)]
+    for number, one in enumerate(both):
         sent = pickle.loads(pickle.dumps(one))
         for picture, path in ((one, tmp_path / f"{number}.png"), (sent, tmp_path / f"{number}-sent.png")):
             picture.save(path)
