@@ -134,9 +134,14 @@ class SurveyedVolume:
 
         return lru_cache(REMEMBERED)(found)
 
+    @property
+    def has_values(self) -> bool:
+        """False where all are NaN or infinite."""
+        return self.survey.low <= self.survey.high
+
     def check_has_values(self) -> None:
         """Raises BadInput if there is nothing to draw."""
-        if self.survey.low > self.survey.high:
+        if not self.has_values:
             name = self.description.name
             raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
 
@@ -147,7 +152,8 @@ class SurveyedVolume:
         return []
 
     def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable
-        """What scenes are made for, under the scene's window. Raises BadInput for one without a scale."""
+        """What scenes are made for, under the scene's window. Raises BadInput for one without a scale, or no values."""
+        self.check_has_values()
         return self._subject_under(self.quantisation(quantise).window)
 
     @cached_property

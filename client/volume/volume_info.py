@@ -73,7 +73,7 @@ class VolumeInfo:
             known.strength_counts,
             known.prepared,
             known.strength_scale,
-            contour_level(known.subject()),
+            contour_level(known.subject()) if known.has_values else None,
             known.stands_up,
             parts,
         )

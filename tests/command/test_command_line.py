@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy
 import psutil
 import pytest
 import torch
@@ -363,3 +364,14 @@ def test_a_place_that_the_system_refuses_is_one_line(head: Path, command: list[s
     done = Person(head.parent).runs(*(word.replace("N", "n" * 300) for word in command))
     assert done.returncode == EXIT_BAD_INPUT
     assert done.stderr.count("\n") == 1 and "(File name too long); check its name" in done.stderr
+
+
+def test_a_volume_without_values_is_described_but_not_drawn(person: Person) -> None:
+    numpy.save(person.folder / "none.npy", numpy.full((4, 5, 6), numpy.nan, numpy.float32))
+    assert "no voxel has a value" in person.runs("info", "none.npy").stdout
+    for command in (["scene", "none.npy"], ["movie", "none.npy", "-o", "film"], ["render", "none.npy", "-o", "a.png"]):
+        done = person.runs(*command)
+        assert done.returncode == EXIT_BAD_INPUT
+        assert done.stderr == (
+            "volsplat: none.npy: no voxel has a value, all are NaN or infinite; export the volume again\n"
+        )
