@@ -17,6 +17,8 @@ from rich.text import Text
 
 from volsplat.protocol.text.printable import printable
 
+_STROKES = str.maketrans("▁▂▃▄▅▆▇█─", ".,:;=+*#-")  # of charts, where the terminal has none
+
 
 class PlainConsole(Console):
     """Prints to stdout or stderr. Markup, emoji and highlighting are off; nothing can steer the terminal."""
@@ -34,12 +36,13 @@ class PlainConsole(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """All that is printed passes here."""
+        has_strokes = self.encoding.lower().startswith("utf")
         for segment in super().render(renderable, options):
-            if segment.control or segment.text.isprintable():
+            text = segment.text if has_strokes else segment.text.translate(_STROKES)
+            if segment.control or (text is segment.text and text.isprintable()):
                 yield segment
             else:
-                text = "\n".join(printable(line) for line in segment.text.split("\n"))
-                yield Segment(text, segment.style)
+                yield Segment("\n".join(printable(line) for line in text.split("\n")), segment.style)
 
 
 class PlainStatus(Status):

@@ -8,6 +8,7 @@ import signal
 import sys
 import warnings
 from contextlib import suppress
+from io import TextIOWrapper
 from typing import NoReturn
 
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
@@ -32,6 +33,8 @@ def _status() -> int:
     from volsplat.program.place_failures import place_failure
     from volsplat.protocol.text.errors import BadInput, VolsplatError
 
+    if isinstance(sys.stdout, TextIOWrapper):  # a terminal that is not UTF-8 shows what it lacks as an escape
+        sys.stdout.reconfigure(errors="backslashreplace")
     if not sys.warnoptions:  # what libraries say to programmers is not for whoever uses the command
         warnings.simplefilter("ignore")
     try:

@@ -11,6 +11,7 @@ from volsplat.client.volume.volume_facts import volume_facts
 from volsplat.client.volume.volume_info import TitledPart, VolumeInfo
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.text.errors import BadInput
 
 
 @helped("volsplat info head.nrrd", "volsplat info 'scans/#T2_AX' --json")
@@ -24,7 +25,7 @@ def info(volume: str, as_json: bool) -> None:
             known = session.volume
             parts = _parts(session, volume) if known.prepared is None else []
     if as_json:
-        click.echo(json.dumps(volume_facts(known, parts), indent=2, ensure_ascii=False))
+        click.echo(json.dumps(volume_facts(known, parts), indent=2))
         return
     PlainConsole().print(VolumeInfo.of(known, parts).text())
 
@@ -32,9 +33,12 @@ def info(volume: str, as_json: bool) -> None:
 def _parts(session: Session, volume: str) -> list[TitledPart]:
     """What else can be named of the same file; of a folder that holds others by itself nothing is asked."""
     name = volume_name(volume)
-    place = Path(name.place).absolute()
+    place = Path(name.place).resolve()  # a listing follows no link that leads out of its folder
     if name.is_url or (place.is_dir() and name.part):
         return []
-    told = session.list_folder(place.parent, str(name._replace(place=place.name)))
+    try:
+        told = session.list_folder(place.parent, str(name._replace(place=place.name)))
+    except BadInput:  # where a link leads, a file may lack the extension that tells its format
+        return []
     parts = [TitledPart(one.part, one.kind) for one in told.entries if one.part]
     return parts if len(parts) > 1 else []

@@ -1,6 +1,7 @@
 """The command as a person meets it: real processes, real files, one clear line for each mistake."""
 
 import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -8,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy
+import PIL.Image
 import psutil
 import pytest
 import torch
@@ -375,3 +377,32 @@ def test_a_volume_without_values_is_described_but_not_drawn(person: Person) -> N
         assert done.stderr == (
             "volsplat: none.npy: no voxel has a value, all are NaN or infinite; export the volume again\n"
         )
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_that_is_not_utf8_shows_a_volume(person: Person, head: Path, encoding: str) -> None:
+    (person.folder / "zażółć.nrrd").symlink_to(head)
+    done = subprocess.run(
+        [VOLSPLAT, "info", "zażółć.nrrd"],
+        cwd=person.folder,
+        env={**person.environment, "PYTHONIOENCODING": encoding},
+        capture_output=True,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 0, done.stderr
+    assert b"za\\u017c" in done.stdout and b"####" in done.stdout and b"----" in done.stdout
+
+
+def test_info_follows_links_out_of_the_folder_and_names_folders_above(person: Person, head: Path) -> None:
+    kept, below = person.folder / "kept", person.folder / "slices" / "below"
+    kept.mkdir()
+    shutil.copy(head, kept / "0a1b")  # as stores of data sets keep files
+    numpy.zeros((8, 8, 8), numpy.uint8).tofile(kept / "2c3d")
+    below.mkdir(parents=True)
+    for number in range(3):
+        PIL.Image.fromarray(numpy.full((8, 8), number, numpy.uint8)).save(below.parent / f"{number}.png")
+    (below / "head.nrrd").symlink_to(kept / "0a1b")
+    (below / "v_8x8x8_uint8.raw").symlink_to(kept / "2c3d")
+    for name in ("head.nrrd", "v_8x8x8_uint8.raw", ".."):
+        done = Person(below).runs("info", name)
+        assert done.returncode == 0 and "dimensions" in done.stdout, done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,15 @@ def test_a_status_and_a_bar_show_words_as_they_are() -> None:
         with Progress(task_words(), console=console) as progress:
             progress.add_task("{0}" + HARMLESS)
     assert HARMLESS + "2" in said.get() and "{0}" + HARMLESS in said.get()
+
+
+def test_charts_have_strokes_that_the_terminal_has() -> None:
+    for encoding, shown in (("utf-8", "▁▄█ ──"), ("latin-1", ".;# --")):
+        console = PlainConsole()
+        console.file = TextIOWrapper(BytesIO(), encoding)
+        console.print("▁▄█ ──")
+        console.file.flush()
+        assert console.file.buffer.getvalue().decode(encoding) == f"{shown}\n"
 
 
 def test_nothing_steers_the_terminal() -> None:
