@@ -1,6 +1,7 @@
 """What the two server programs share as processes: their options, their name, how errors end them."""
 
 import logging
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -171,6 +172,7 @@ def run_server(module: str, name: str, title: str, given: object = None) -> NoRe
     with suppress(OSError):  # Linux: what `top` and `ps` show
         Path("/proc/self/comm").write_text(title, encoding="utf-8")
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # as who became this program has left it
         command: click.Command = getattr(import_module(module), name)
         command.main(prog_name=command.name, standalone_mode=False, obj=given)
     except click.ClickException as error:

@@ -3,6 +3,7 @@
 import logging
 import os
 import resource
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -130,6 +131,7 @@ def _becoming(name: str, program: str) -> click.Command:
     """A sub-command that becomes the program itself, so that it alone decides its options."""
 
     def become(arguments: tuple[str, ...]) -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # until the program can tell of it: see run_server
         os.execv(sys.executable, [sys.executable, "-m", program, *arguments])
 
     return click.Command(

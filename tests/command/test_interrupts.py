@@ -4,10 +4,12 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import Person
 from volsplat.client.caller.interrupts import interrupts_held
 
 
@@ -76,3 +78,13 @@ with interrupts_held():
 def test_who_ends_at_once_tidies_first() -> None:
     done = subprocess.run([sys.executable, "-c", ENDS_AT_ONCE], capture_output=True, encoding="utf-8", timeout=PATIENCE)
     assert (done.returncode, done.stdout) == (130, "tidied\n")
+
+
+def test_a_command_that_becomes_a_program_is_interrupted_in_a_line(tmp_path: Path) -> None:
+    """However early: as soon as the program has taken the command's place."""
+    command = Person(tmp_path).starts("prepare", "missing.nrrd", "store.zarr")
+    became = "-m\0volsplat.deploy.batch"
+    wait_until(lambda: command.poll() is not None or became in Path(f"/proc/{command.pid}/cmdline").read_text(), became)
+    command.send_signal(signal.SIGINT)
+    _, said = command.communicate(timeout=PATIENCE)
+    assert (command.returncode, said) == (130, "volsplat: interrupted\n")
