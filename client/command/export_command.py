@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
@@ -18,9 +19,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.byte_sizes import bytes_from_option
-from volsplat.protocol.text.errors import BadInput
 
 PROGRESS_STEPS = 100
 
@@ -73,8 +72,7 @@ def export(
     options = SceneOptions.of(settings)
     options.scene_of(None)
     check_found(volume, True, None)
-    if output.exists() and output.samefile(volume_name(volume).place):
-        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
+    check_written_apart(volume, output)
     may_hold = bytes_from_option("--memory", memory) if memory else None
     console = PlainConsole(stderr=True)
     with shown_progress(PROGRESS_STEPS, console) as (say, done):

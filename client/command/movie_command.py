@@ -9,6 +9,7 @@ from typing import Any, get_args
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
@@ -29,7 +30,6 @@ from volsplat.client.movie.movie_formats import check_clear, check_movie_writabl
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -103,8 +103,7 @@ def movie(
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
     check_found(volume, True, cluster)
-    if output.exists() and output.samefile(volume_name(volume).place):
-        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
+    check_written_apart(volume, output, trace)
     if keys:
         check_key_count(len(keys), frames)
     options.key_scenes(None, keys)

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
@@ -27,7 +28,6 @@ from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the servers start
@@ -97,7 +97,8 @@ def render(
         raise BadInput("--single has no servers to listen for; leave out --single or --listen")
     check_found(volume, spawns, cluster)
     scene_options.scene_of(None)
-    outputs.check(Path(volume_name(volume).place))
+    check_written_apart(volume, output, report, trace)
+    outputs.check()
     if figure is not None and output is not None:
         check_words(figure, output)
     servers = servers_from_options(

@@ -26,17 +26,15 @@ class Outputs:
     report: Path | None
     transparent: bool = False
 
-    def check(self, volume: Path) -> None:
-        """Raise BadInput before any work if a file could not be written, or would replace the volume."""
+    def check(self) -> None:
+        """Raise BadInput before any work if a file could not be written."""
         if self.image is None and self.steps_dir is None:
             raise BadInput("nothing to write: give -o IMAGE, --steps-dir FOLDER, or both")
         if self.image is not None:
-            _refuse_volume(self.image, volume)
             check_picture_writable(self.image, self.transparent)
         if self.steps_dir is not None:
             _check_folder(self.steps_dir)
         if self.report is not None:
-            _refuse_volume(self.report, volume)
             check_file_writable("--report", self.report)
 
     def make_folder(self) -> None:
@@ -61,8 +59,3 @@ def _check_folder(folder: Path) -> None:
         raise BadInput(f"{folder}: {there} is no folder that can be written; name another with --steps-dir")
     if there == folder:
         check_writable(step_image_path(folder, Step.A))
-
-
-def _refuse_volume(output: Path, volume: Path) -> None:
-    if output.exists() and volume.exists() and output.samefile(volume):
-        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")

@@ -35,6 +35,7 @@ from volsplat.client.caller.arguments import (
 )
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.caller.own_process import OwnProcess
+from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.coordinator.coordinator_events import (
     FolderAsked,
     Found,
@@ -132,6 +133,8 @@ class Session:
         if self._in_memory is not None and (cluster is not None or not spawn):
             raise BadInput(SAVE_FIRST)
         name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        if trace is not None and name is not None:
+            check_written_apart(name, Path(trace))
         listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_bytes(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")

@@ -25,6 +25,7 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.caller.own_process import OwnProcess
+from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
@@ -112,6 +113,8 @@ class SingleProcess:
         """
         self._in_memory = volume_in_memory(volume)
         name = checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        if trace is not None:
+            check_written_apart(name, Path(trace))
         memory = None if memory is None else checked_bytes(memory, "memory")
         threads = checked_count(threads, "threads")
         self._say = on_progress or (lambda text: None)

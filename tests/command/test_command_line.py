@@ -406,3 +406,27 @@ def test_info_follows_links_out_of_the_folder_and_names_folders_above(person: Pe
     for name in ("head.nrrd", "v_8x8x8_uint8.raw", ".."):
         done = Person(below).runs("info", name)
         assert done.returncode == 0 and "dimensions" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (["render", "V", "-o", "a.png", "--trace", "V"], "V: this is the volume itself"),
+        (["render", "V", "-o", "a.png", "--single", "--trace", "link.json"], "link.json: this is the volume itself"),
+        (["render", "V", "-o", "a.png", "--report", "V"], "V: this is the volume itself"),
+        (["movie", "V", "-o", "film", "--trace", "V"], "V: this is the volume itself"),
+        (["view", "V", "--no-browser", "--trace", "V"], "V: this is the volume itself"),
+        (["render", "V", "-o", "a.png", "--report", "a.png"], "a.png: two things would be written"),
+        (["render", "V", "-o", "a.png", "--report", "t", "--trace", "../T"], "t: two things would be written"),
+    ],
+)
+def test_nothing_is_written_over_the_volume_or_over_one_another(
+    person: Person, head: Path, command: list[str], told: str
+) -> None:
+    shutil.copy(head, person.folder / "v.nrrd")
+    (person.folder / "link.json").symlink_to("v.nrrd")
+    again = f"../{person.folder.name}/t"
+    done = person.runs(*(word.replace("V", "v.nrrd").replace("../T", again) for word in command))
+    assert done.returncode == EXIT_BAD_INPUT and done.stderr.startswith(f"volsplat: {told.replace('V', 'v.nrrd')}")
+    assert (person.folder / "v.nrrd").read_bytes() == head.read_bytes()
+    assert sorted(path.name for path in person.folder.iterdir()) == ["link.json", "v.nrrd"]
