@@ -7,11 +7,13 @@ from functools import cache
 from pathlib import Path
 
 from volsplat.protocol.description.machine import LONGEST_TEXT, Machine
+from volsplat.protocol.text.errors import BadInput
 
 CPUS = Path("/proc/cpuinfo")
 # Of one machine. Each has walkers enough for its share of the cores, and more of them only cost: on 16 cores frames of
 # 16 servers take 1.2 to 1.5 times as long as those of 4.
 ENOUGH_SERVERS = 4
+MOST_SERVERS = 256  # a mistyped number fills the machine with processes, which nobody can end any more
 
 
 @cache
@@ -30,6 +32,15 @@ def usable_cores() -> int:
 def usual_servers() -> int:
     """How many map/shade servers start on this machine if nobody says how many."""
     return min(usable_cores(), ENOUGH_SERVERS)
+
+
+def check_server_count(count: int) -> None:
+    """Raises BadInput for more servers than are started on this machine."""
+    if count > MOST_SERVERS:
+        raise BadInput(
+            f"{count} servers are too many for this machine, where {MOST_SERVERS} start at the most; "
+            "each draws with several threads, and a cluster file names more machines"
+        )
 
 
 def _cpu_name() -> str:

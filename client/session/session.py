@@ -65,7 +65,7 @@ from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
-from volsplat.program.this_machine import usable_cores, usual_servers
+from volsplat.program.this_machine import check_server_count, usable_cores, usual_servers
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
@@ -149,6 +149,8 @@ class Session:
             workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
             memory = memory or of.memory_bytes
             encryption = of.encryption
+        if spawn:
+            check_server_count(workers + splat_servers)
         self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._coordination = Coordination(self._tracer, on_progress)
         self.counts = Counts()  # what was done, and lost

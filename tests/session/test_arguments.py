@@ -153,6 +153,8 @@ def test_steps_points_and_intervals_may_be_other_libraries_too(renderer: Rendere
         ({"workers": "2"}, "workers must be a whole number, not the str '2'"),
         ({"workers": 2.5}, "workers must be a whole number"),
         ({"workers": 0}, "workers must be 1 or more"),
+        ({"workers": 100_000}, "100001 servers are too many for this machine, where 256 start at the most"),
+        ({"workers": 1, "splat_servers": 256}, "257 servers are too many"),
         ({"memory": 2.5}, "memory must be a whole number"),
         ({"memory": "2X"}, "memory 2X: give a size such as 800M or 4G"),
         ({"listen": 7411}, "listen must be an Address or HOST:PORT"),
