@@ -28,7 +28,9 @@ All that lies on the disk bears a checksum: the attributes theirs, bricks, mixtu
 indices of shards the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
 """
 
+import errno
 import json
+import os
 import zlib
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -161,7 +163,7 @@ class PacketStore:
         except (OSError, ValueError, RuntimeError) as error:
             for shard in self._shards(level, box):
                 self._read(self._shard_name(level, shard), array, shard.slices())
-            raise self._damaged(self._paths[level], _cannot_be_read(error)) from None
+            raise self._unread(self._paths[level], error) from None
         return packets
 
     def bricks(self, level: int) -> NDArray[np.uint8]:
@@ -235,7 +237,7 @@ class PacketStore:
         except KeyError:
             raise self._damaged(path, "is missing") from None
         except (OSError, ValueError, TypeError, RuntimeError) as error:
-            raise self._damaged(f"{path}/{METADATA}", _cannot_be_read(error)) from None
+            raise self._unread(f"{path}/{METADATA}", error) from None
 
     def _whole(self, path: str) -> NDArray[Any]:
         """An array that lies in one file."""
@@ -254,14 +256,17 @@ class PacketStore:
         try:
             return array[selection]
         except (OSError, ValueError, RuntimeError) as error:
-            raise self._damaged(path, _cannot_be_read(error)) from None
+            raise self._unread(path, error) from None
 
     def _damaged(self, path: str, what: str) -> BadInput:
         return BadInput(f"{self._place}: is damaged: its {path} {what}; delete it and run `volsplat prepare` again")
 
-
-def _cannot_be_read(error: Exception) -> str:
-    return f"cannot be read ({' '.join(str(error).split())})"
+    def _unread(self, path: str, error: Exception) -> BadInput:
+        """Where the system refuses a file the store may be whole, and nobody should delete it."""
+        if isinstance(error, OSError) and error.errno not in (None, errno.ENOENT):
+            reason = os.strerror(error.errno or 0)
+            return BadInput(f"{self._place}: its {path} cannot be read ({reason}); check its permissions and its disk")
+        return self._damaged(path, f"cannot be read ({' '.join(str(error).split())})")
 
 
 def is_store(folder: Path) -> bool:

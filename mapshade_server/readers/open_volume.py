@@ -202,8 +202,8 @@ def open_volume(name: str) -> OpenedVolume:
     except FileNotFoundError:
         raise BadInput(f"{place}: there is no such file; check the path") from None
     except OSError as error:
-        reason = os.strerror(error.errno or 0)
-        raise BadInput(f"{place}: cannot be read ({reason}); check its permissions and its disk") from None
+        which, reason = error.filename or place, os.strerror(error.errno or 0)
+        raise BadInput(f"{which}: cannot be read ({reason}); check its permissions and its disk") from None
 
 
 def format_of(path: Path, head: bytes) -> VolumeFormat | None:

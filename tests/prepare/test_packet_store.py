@@ -1,5 +1,6 @@
 """The packet store as it is read: boxes, bricks, and what is refused."""
 
+import errno
 import json
 import shutil
 import sys
@@ -188,6 +189,18 @@ def test_damaged_shards_and_missing_arrays_are_refused_in_one_line(place: Path, 
     shutil.rmtree(copy / "1")
     with pytest.raises(BadInput, match="its 1 is missing"):
         open_store(str(copy))
+
+
+def test_nobody_is_told_to_delete_a_store_that_is_closed_to_them(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = open_store(str(place))
+
+    def closed(array: object, selection: object) -> None:
+        raise PermissionError(errno.EACCES, "no", "c/0")
+
+    monkeypatch.setattr(zarr.Array, "__getitem__", closed)
+    with pytest.raises(BadInput, match=r"cannot be read \(Permission denied\); check its permissions") as refusal:
+        store.read(0, store.description.geometry.box)
+    assert "delete" not in str(refusal.value) and "damaged" not in str(refusal.value)
 
 
 def test_what_voxels_cannot_stand_for_is_refused(place: Path, tmp_path: Path) -> None:

@@ -1,7 +1,9 @@
 """What the volume readers refuse, each in one line that names the cause and the cure, and nothing else printed."""
 
+import errno
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -145,3 +147,19 @@ def test_bad_input_is_refused_in_one_line(case: str, tmp_path: Path, capfd: pyte
     text = refused(path)
     assert cause in text and str(tmp_path) in text
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_closed_file_of_a_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dicom_series(tmp_path / "scan", VALUES)
+    closed = sorted((tmp_path / "scan").iterdir())[5]
+    opens = Path.open
+
+    def open_unless_closed(path: Path, *how: Any, **more: Any) -> Any:
+        if path == closed:
+            raise PermissionError(errno.EACCES, "no", str(closed))
+        return opens(path, *how, **more)
+
+    monkeypatch.setattr(Path, "open", open_unless_closed)
+    assert refused(tmp_path / "scan") == (
+        f"{closed}: cannot be read (Permission denied); check its permissions and its disk"
+    )
