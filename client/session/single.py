@@ -69,6 +69,7 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
@@ -112,7 +113,7 @@ class SingleProcess:
         `trace`: see Session.
         """
         self._in_memory = volume_in_memory(volume)
-        name = checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        name = absolute_name(checked_volume(volume if self._in_memory is None else self._in_memory.place))
         if trace is not None:
             check_written_apart(name, Path(trace))
         memory = None if memory is None else checked_bytes(memory, "memory")

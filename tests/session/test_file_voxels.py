@@ -120,3 +120,14 @@ def test_what_was_changed_since_is_refused_and_the_session_draws_on(head: Path, 
         with pytest.raises(BadInput, match="was replaced or changed after it was opened"):
             session.file_voxel((1, 2, 3))
         assert session.probe(small, 16, 16) is not None
+
+
+@pytest.mark.parametrize("renderer", [Session, SingleProcess])
+def test_a_volume_of_a_relative_name_is_found_from_another_folder(
+    renderer: type[Session | SingleProcess], head: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(head.parent)
+    with renderer(head.name) as opened:
+        there = opened.file_voxel((1, 2, 3))
+        monkeypatch.chdir("/")
+        assert there is not None and opened.file_voxel((1, 2, 3)) == there
