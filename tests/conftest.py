@@ -10,10 +10,13 @@ import torch
 from hypothesis import HealthCheck, settings
 
 from support.checkout import SHARED_DATA
+from support.pages.browser import chromium
 from support.processor_time import ProcessorTime
 from support.programs.shared_fork_server import shared_fork_server
 from support.thoroughness import PROFILE, examples
 from volsplat.program.many_imports import many_imports
+
+__all__ = ["chromium"]
 
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")

@@ -1,11 +1,13 @@
 """A real browser for tests of the page: Debian's Chromium, driven by Playwright, and a server for what it loads.
 
 A test module imports the fixtures that it wants by name, `browser` among them since `browser_page` needs it, and says
-`__all__ = ["browser", "browser_page"]`, which tells ruff that they are used.
+`__all__ = ["browser", "browser_page"]`, which tells ruff that they are used. (`chromium` is conftest's: what a module
+imports is its own.)
 """
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import socket
 import threading
@@ -20,7 +22,16 @@ import pytest
 from support.patience import PATIENCE
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Error, Page, Request, ViewportSize
+    from playwright.sync_api import (
+        Browser,
+        BrowserContext,
+        BrowserType,
+        ConsoleMessage,
+        Error,
+        Page,
+        Request,
+        ViewportSize,
+    )
     from starlette.types import ASGIApp
 
 _POLICY = "Content Security Policy"
@@ -31,22 +42,64 @@ _NOWHERE = (-1, -1)  # beside the page, where the pointer is before it is moved
 _HELD_KEYS = ("Control", "Shift", "Alt")
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Headless Chromium, started once for a module of tests. Debian's shell of it does a page for half the work.
+class Chromium:
+    """Headless Chromium, started when first lent, and anew where it has ended. Debian's shell does a page for half the
+    work.
 
-    Its first context is that of `browser_page`, for all tests: what they all load is loaded and compiled once.
+    Playwright's loop waits in a greenlet of its own and yet is this thread's running one, beside which other tests
+    could run none: it is hidden from them.
     """
+
+    def __init__(self, executable: str, kinds: BrowserType) -> None:
+        self._executable = executable
+        self._kinds = kinds
+        self._loop = asyncio.get_running_loop()
+        self._launched: Browser | None = None
+        self.hide()
+
+    @contextmanager
+    def lent(self) -> Iterator[Browser]:
+        self.show()
+        try:
+            if self._launched is None or not self._launched.is_connected():
+                self._launched = self._kinds.launch(executable_path=self._executable, args=_ARGUMENTS)
+            yield self._launched
+        finally:
+            self.hide()
+
+    def close(self) -> None:
+        self.show()
+        if self._launched is not None:
+            self._launched.close()
+
+    def show(self) -> None:
+        asyncio._set_running_loop(self._loop)
+
+    def hide(self) -> None:
+        asyncio._set_running_loop(None)
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Chromium]:
+    """One for all tests of a process: to start Playwright and a browser takes as much as to load a page."""
     playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright (extra dev)")
     executable = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     if executable is None:
         pytest.skip("the browser tests need Chromium: apt install chromium-headless-shell, or chromium")
     playwright.expect.set_options(timeout=1000 * PATIENCE)
     with playwright.sync_playwright() as running:
-        launched = running.chromium.launch(executable_path=executable, args=_ARGUMENTS)
-        with patient_context(launched, viewport=_WINDOW):
-            yield launched
-        launched.close()
+        started = Chromium(executable, running.chromium)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: Chromium) -> Iterator[Browser]:
+    """It, with one context so far: that of `browser_page`, for all tests of a module, in which what they all load is
+    loaded and compiled once.
+    """
+    with chromium.lent() as lent, patient_context(lent, viewport=_WINDOW):
+        yield lent
 
 
 @pytest.fixture
