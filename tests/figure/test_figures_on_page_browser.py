@@ -6,17 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-import pytest
-
 from support.pages.browser import browser, browser_page
-from support.pages.page_tab import opened
+from support.pages.page_tab import fresh_page, page
 from support.pages.tables_tab import box
-from support.pages.viewed import Viewed, phantom, view, volume
+from support.pages.viewed import phantom, view, volume
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
 
-__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+__all__ = ["browser", "browser_page", "fresh_page", "page", "phantom", "view", "volume"]
 
 CLIPBOARD = """async () => {
   const [item] = await navigator.clipboard.read();
@@ -25,11 +23,6 @@ CLIPBOARD = """async () => {
   canvas.getContext("2d").drawImage(bitmap, 0, 0);
   return canvas.toDataURL();
 }"""
-
-
-@pytest.fixture
-def page(view: Viewed, browser_page: Page) -> Page:
-    return opened(browser_page, view.url)
 
 
 def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
@@ -56,6 +49,8 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     texts = [element.text for element in root.iter() if element.text]
     assert {"A small head", "nose", "all", "R", "L", "S", "I"} <= set(texts)
     assert page.get_by_text("figure: dpi").count() == 0
+    page.get_by_role("button", name="close", exact=True).click()
+    make.wait_for(state="hidden")
 
 
 def bottom(shown: Locator) -> float:
@@ -104,7 +99,8 @@ def test_the_picture_is_copied_as_it_is_on_the_screen(page: Page) -> None:
     assert page.evaluate(CLIPBOARD) == page.evaluate("volsplatViewport.canvas.toDataURL()")
 
 
-def test_without_a_clipboard_copies_are_refused_in_words(page: Page) -> None:
+def test_without_a_clipboard_copies_are_refused_in_words(fresh_page: Page) -> None:
+    page = fresh_page
     page.evaluate("Object.defineProperty(navigator, 'clipboard', { value: undefined })")
     page.get_by_role("button", name="copy the picture").click()
     page.get_by_text("save the picture instead").wait_for()

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import pytest
-
-from support.pages.browser import browser, browser_page
-from support.pages.page_tab import opened
-from support.pages.viewed import viewed
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.phantoms.volume_writer import write_volume
+from support.pages.browser import browser
+from support.pages.page_tab import page
+from support.pages.viewed import phantom, view, volume
 from volsplat.client.ui.panels.skip_links import PARTS
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page"]
+__all__ = ["browser", "page", "phantom", "view", "volume"]
 
 MOST_TABS = 10
 TO_THE_BEGINNING = """() => {
@@ -44,19 +39,6 @@ class Node(NamedTuple):
     name: str
     value: Any
     properties: dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
-    write_volume(path, *make_phantom("head", (24, 32, 28)))
-    with viewed(path.parent, path, "--workers", "1") as running:
-        yield running.url
-
-
-@pytest.fixture
-def page(url: str, browser_page: Page) -> Page:
-    return opened(browser_page, url)
 
 
 def tree(page: Page) -> list[Node]:
@@ -96,6 +78,7 @@ def test_whatever_can_be_operated_has_a_name_and_sliders_have_values(page: Page)
     }
     for slider in sliders:
         assert slider.value is not None and slider.properties["valuemin"] < slider.properties["valuemax"]
+    page.keyboard.press("s")
 
 
 DURATIONS = """() => [...document.querySelectorAll("*")].map((part) => getComputedStyle(part))
@@ -109,6 +92,8 @@ def test_who_wants_less_motion_sees_none(page: Page) -> None:
     assert set(page.evaluate(DURATIONS)) > {"0s"}
     page.emulate_media(reduced_motion="reduce")
     assert set(page.evaluate(DURATIONS)) == {"0s"}
+    page.keyboard.press("Escape")
+    page.locator(".vs-preset").first.wait_for(state="hidden")
 
 
 def test_every_part_is_reached_within_ten_tabs(page: Page) -> None:

@@ -17,7 +17,7 @@ from PIL import Image as PillowImage
 from support.files.opened import read_whole
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
-from support.pages.page_tab import after, canvas, drag, opened, pixels_of, save
+from support.pages.page_tab import after, canvas, drag, fresh_page, opened, page, pixels_of, save
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, view, viewed, volume
 from support.patience import PATIENCE
@@ -36,18 +36,12 @@ IMAGE = 512
 FAR = 0.4  # seconds a round trip
 ENDS = [(end, axis) for axis in "ijk" for end in ("lowest", "end of")]
 
-__all__ = ["browser", "browser_page", "view", "volume"]
+__all__ = ["browser", "browser_page", "fresh_page", "page", "view", "volume"]
 
 
 @pytest.fixture(scope="module")
 def phantom() -> tuple[str, Index]:
     return "head", (48, 64, 56)
-
-
-@pytest.fixture
-def page(view: Viewed, browser_page: Page) -> Page:
-    """The page with the volume refined to the end."""
-    return opened(browser_page, view.url)
 
 
 def test_the_page_shows_the_volume_and_every_part_of_the_scene(page: Page) -> None:
@@ -239,7 +233,8 @@ def test_a_scene_file_brings_its_very_picture_back_after_tables_view_and_step_we
         shows(seen)
 
 
-def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:
+def test_a_copied_link_restores_the_scene(view: Viewed, fresh_page: Page) -> None:
+    page = fresh_page
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     seen = after(page, lambda: drag(page, 33, -44))
     page.get_by_role("button", name="save").click()

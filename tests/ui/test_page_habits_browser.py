@@ -10,7 +10,7 @@ import torch
 
 from support.pages.browser import browser, browser_page, close_tab
 from support.pages.lossy_line import LossyLine
-from support.pages.page_tab import after, canvas, drag, opened
+from support.pages.page_tab import after, canvas, drag, fresh_page, opened, page
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, phantom, view, volume
 from volsplat.bench.page_drag import REFINED
@@ -19,13 +19,7 @@ from volsplat.bench.slow_link import slow_link
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
-
-
-@pytest.fixture
-def page(view: Viewed, browser_page: Page) -> Page:
-    """The page with the volume refined to the end, and nothing clicked yet."""
-    return opened(browser_page, view.url)
+__all__ = ["browser", "browser_page", "fresh_page", "page", "phantom", "view", "volume"]
 
 
 def picture_size(page: Page) -> list[int]:
@@ -68,7 +62,8 @@ def test_a_table_point_that_was_dragged_goes_back_by_keys(page: Page) -> None:
 # -- keys
 
 
-def test_keys_work_on_a_fresh_page(page: Page) -> None:
+def test_keys_work_on_a_fresh_page(fresh_page: Page) -> None:
+    page = fresh_page
     before, colours = canvas(page), page.locator(".vs-colours")
     page.keyboard.press("c")
     colours.wait_for()
@@ -95,7 +90,9 @@ def test_what_is_typed_or_moved_by_arrows_is_not_for_the_viewport(page: Page) ->
     page.get_by_text("“1f5?f?” is not a number").wait_for()
     assert field.input_value() == "1f5?f?"
     page.keyboard.press("Escape")
-    page.get_by_label("shift of all tables by density").focus()
+    shift = page.get_by_label("shift of all tables by density")
+    unmoved = shift.get_attribute("aria-valuenow")
+    shift.focus()
     page.keyboard.press("ArrowRight")
     page.get_by_role("button", name="save").click()
     page.get_by_text("copy a link").wait_for()
@@ -103,6 +100,8 @@ def test_what_is_typed_or_moved_by_arrows_is_not_for_the_viewport(page: Page) ->
     page.keyboard.press("Escape")
     assert page.evaluate(sent) == before
     assert page.get_by_text("show or hide this list").is_hidden()
+    page.get_by_label("undo", exact=True).click()
+    until(page, lambda: shift.get_attribute("aria-valuenow") == unmoved)
 
 
 # -- windows
@@ -129,7 +128,10 @@ def test_a_smaller_window_takes_the_picture_only_for_as_long_as_it_is_used(view:
     assert picture_size(page) == size
 
 
-def test_a_page_that_a_link_opened_keeps_what_was_done_since_when_it_is_loaded_anew(view: Viewed, page: Page) -> None:
+def test_a_page_that_a_link_opened_keeps_what_was_done_since_when_it_is_loaded_anew(
+    view: Viewed, fresh_page: Page
+) -> None:
+    page = fresh_page
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="save").click()
     page.get_by_text("copy a link").click()
@@ -166,9 +168,10 @@ def test_a_stalled_line_is_told_by_one_voice_and_what_the_hand_did_meanwhile_is_
     assert not torch.equal(after(page, drag_while_it_stands_still), before)
 
 
-def test_a_cut_line_is_told_by_one_voice_and_the_page_finds_back(view: Viewed, page: Page) -> None:
+def test_a_cut_line_is_told_by_one_voice_and_the_page_finds_back(view: Viewed, browser_page: Page) -> None:
     from playwright.sync_api import expect
 
+    page = browser_page
     status, popup = page.locator(".vs-trouble"), page.locator("#popup")
     with slow_link(view.port, bits_per_second=1e9, round_trip=0.0) as port:
         opened(page, view.url.replace(f":{view.port}/", f":{port}/"))
@@ -185,7 +188,8 @@ def test_a_cut_line_is_told_by_one_voice_and_the_page_finds_back(view: Viewed, p
         page.goto("about:blank")
 
 
-def test_what_panels_tell_a_line_that_is_cut_comes_to_the_process_and_once(view: Viewed, page: Page) -> None:
+def test_what_panels_tell_a_line_that_is_cut_comes_to_the_process_and_once(view: Viewed, browser_page: Page) -> None:
+    page = browser_page
     line = LossyLine(page)
     before = canvas(opened(page, view.url))
     switch = page.get_by_role("switch", name="diffuse")
@@ -209,8 +213,9 @@ def test_what_panels_tell_a_line_that_is_cut_comes_to_the_process_and_once(view:
 
 
 def test_a_line_that_stands_still_for_long_leaves_the_page_and_what_was_typed_as_they_are(
-    view: Viewed, page: Page
+    view: Viewed, fresh_page: Page
 ) -> None:
+    page = fresh_page
     field, frozen = page.get_by_label("centre i"), psutil.Process(view.process.pid)
     page.evaluate(
         """() => {
@@ -333,6 +338,8 @@ def test_cells_of_the_cross_bar_are_large_enough_for_a_finger(page: Page) -> Non
 
 @pytest.mark.parametrize("width", [1280, 1920, 3840])
 def test_no_row_of_buttons_is_cut_off_and_what_the_head_says_is_as_large_as_all_else(page: Page, width: int) -> None:
+    own = page.viewport_size
+    assert own is not None
     page.set_viewport_size({"width": width, "height": width * 9 // 16})
     cut_off = page.evaluate(
         """() => [...document.querySelectorAll(".vs-buttons, .vs-toggle")]
@@ -345,3 +352,6 @@ def test_no_row_of_buttons_is_cut_off_and_what_the_head_says_is_as_large_as_all_
     save = page.get_by_role("button", name="save", exact=True)
     size = "(part) => getComputedStyle(part).fontSize"
     assert [part.evaluate(size) for part in (tooltip, save)] == [page.locator("body").evaluate(size)] * 2
+    page.set_viewport_size(own)
+    page.mouse.move(0, 0)
+    tooltip.wait_for(state="hidden")

@@ -12,7 +12,7 @@ import shutil
 import socket
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -39,6 +39,7 @@ _POLICY = "Content Security Policy"
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--js-flags=--no-opt --no-maglev")
 _WINDOW: ViewportSize = {"width": 1280, "height": 800}
 _NOWHERE = (-1, -1)  # beside the page, where the pointer is before it is moved
+_GONE = 500  # milliseconds, within which what is closed mostly is; who takes longer is only loaded anew
 _HELD_KEYS = ("Control", "Shift", "Alt")
 
 
@@ -113,9 +114,11 @@ def browser_page(browser: Browser) -> Iterator[Page]:
 
     def note_origin(request: Request) -> None:
         if request.is_navigation_request():
-            origins.add("{0.scheme}://{0.netloc}".format(urlsplit(request.url)))
+            origins.add(_origin(request.url))
 
     context = browser.contexts[0]
+    if _origins(context):  # what `kept_as_loaded` has kept
+        _forget(context, _origins(context))
     page = _tab(context)
     context.on("request", note_origin)
     with no_failures(page):
@@ -172,6 +175,65 @@ class KeptPage:
 def kept_page(browser: Browser) -> Iterator[KeptPage]:
     with patient_context(browser, viewport=_WINDOW) as context:
         yield KeptPage(context)
+
+
+# What is seen but for what scenes, frames and servers change, scrolled to the beginning; what is kept for the page.
+_LOOK = """() => {
+    const all = [...document.querySelectorAll("body *")];
+    for (const part of all) if (part.scrollTop !== 0) part.scrollTop = 0;
+    const ofScenes = ".vs-step, .vs-foot, .vs-overlay, .vs-corner, .vs-cube, [aria-label=undo], [aria-label=redo]";
+    const changing = `${ofScenes}, .q-ripple, .q-loading-bar`;
+    const seen = all.filter((part) => part.checkVisibility() && !part.closest(changing)).map((part) => {
+        const { x, y, width, height } = part.getBoundingClientRect();
+        const states = [part.ariaExpanded, part.ariaPressed, part.ariaChecked, part.ariaValueNow];
+        const text = part.childElementCount === 0 ? part.textContent : "";
+        const shown = [part.tagName, part.getAttribute("class"), text, part.value, part.checked];
+        return width * height === 0 ? [] : [...shown, ...states, x, y, width, height];
+    }).filter((told) => told.length !== 0);
+    return JSON.stringify([location.href, innerWidth, innerHeight, seen, { ...localStorage }, { ...sessionStorage }]);
+}"""
+
+
+@contextmanager
+def kept_as_loaded(context: BrowserContext, url: str, test: str, load: Callable[[Page], object]) -> Iterator[Page]:
+    """A context's only tab with what is at the address, kept from test to test while it looks as just loaded.
+
+    To load it is most of what a short test of it costs. It is loaded anew if the last test left it otherwise, and for a
+    test that is tried again.
+    """
+    for other in context.pages[1:]:
+        close_tab(other)
+    if not (_origin(_tab(context).url) == _origin(url) and _is_as_loaded(_tab(context), test)):
+        _forget(context, _origins(context))
+        load(_tab(context))
+        _tab(context).evaluate(f"() => {{ window.asLoaded = ({_LOOK})(); }}")
+    page = _tab(context)
+    page.evaluate("(test) => { window.keptFor = test; }", test)
+    with no_failures(page):
+        yield page
+
+
+def _is_as_loaded(page: Page, test: str) -> bool:
+    from playwright.sync_api import TimeoutError
+
+    page.context.clear_permissions()
+    page.mouse.move(*_NOWHERE)
+    page.evaluate("() => document.activeElement?.blur()")
+    if not page.evaluate("(test) => 'asLoaded' in window && window.keptFor !== test", test):
+        return False
+    with suppress(TimeoutError):
+        page.wait_for_function(f"() => window.asLoaded === ({_LOOK})()", timeout=_GONE, polling=100)
+        return True
+    return False
+
+
+def _origins(context: BrowserContext) -> set[str]:
+    """Of what its tabs show."""
+    return {_origin(page.url) for page in context.pages if page.url.startswith("http")}
+
+
+def _origin(url: str) -> str:
+    return "{0.scheme}://{0.netloc}".format(urlsplit(url))
 
 
 def _tab(context: BrowserContext) -> Page:

@@ -1,27 +1,56 @@
-"""The whole page in a tab: opened, looked at, dragged about."""
+"""The whole page in a tab: opened, looked at, dragged about.
+
+A test module whose tests put back what they change on the page, though not the scene, imports the fixture `page`, which
+loads it only where that was not so, and for others `fresh_page`.
+"""
 
 from __future__ import annotations
 
 import base64
 import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import pytest
 import torch
 from PIL import Image as PillowImage
 
+from support.pages.browser import kept_as_loaded
+from support.pages.viewed import Viewed
 from support.patience import PATIENCE
 from volsplat.bench.page_drag import REFINED
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 
 def opened(page: Page, url: str) -> Page:
     page.goto(url)
     page.wait_for_function(REFINED)
     return page
+
+
+@contextmanager
+def kept_open(browser: Browser, view: Viewed, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """The page with the volume refined to the end, as it is when it was just loaded."""
+    test, context = request.node.nodeid, browser.contexts[0]
+    with kept_as_loaded(context, view.url, test, lambda tab: opened(tab, view.url)) as kept:
+        kept.wait_for_function(REFINED)
+        yield kept
+
+
+@pytest.fixture
+def page(browser: Browser, view: Viewed, request: pytest.FixtureRequest) -> Iterator[Page]:
+    with kept_open(browser, view, request) as kept:
+        yield kept
+
+
+@pytest.fixture
+def fresh_page(view: Viewed, browser_page: Page) -> Page:
+    """The page just loaded, with the volume refined to the end."""
+    return opened(browser_page, view.url)
 
 
 def canvas(page: Page) -> torch.Tensor:

@@ -12,15 +12,15 @@ import pytest
 from astropy.io import fits
 
 from support.files.opened import read_whole
-from support.pages.browser import browser, browser_page
-from support.pages.page_tab import after, opened
+from support.pages.browser import browser
+from support.pages.page_tab import after, kept_open
 from support.pages.viewed import Viewed, viewed
 from volsplat.client.phantoms import make_phantom
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
-__all__ = ["browser", "browser_page"]
+__all__ = ["browser"]
 
 SIZE = (24, 32, 28)
 SPECTRAL = {
@@ -80,10 +80,22 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewed]:
         yield running
 
 
-def test_a_value_beyond_the_window_is_the_files_own(head: Viewed, volume: Path, browser_page: Page) -> None:
+@pytest.fixture
+def head_page(browser: Browser, head: Viewed, request: pytest.FixtureRequest) -> Iterator[Page]:
+    with kept_open(browser, head, request) as page:
+        yield page
+
+
+@pytest.fixture
+def cube_page(browser: Browser, cube: Viewed, request: pytest.FixtureRequest) -> Iterator[Page]:
+    with kept_open(browser, cube, request) as page:
+        yield page
+
+
+def test_a_value_beyond_the_window_is_the_files_own(head_page: Page, volume: Path) -> None:
     from playwright.sync_api import expect
 
-    page = opened(browser_page, head.url)
+    page = head_page
     values = read_whole(volume)
     narrow = float(np.percentile(values[values > values.min()], 5))
 
@@ -105,8 +117,8 @@ def test_a_value_beyond_the_window_is_the_files_own(head: Viewed, volume: Path, 
     after(page, lambda: page.get_by_label("undo", exact=True).click())
 
 
-def test_voxels_of_unequal_sides_and_no_unit_have_a_bar_for_each_length(head: Viewed, browser_page: Page) -> None:
-    page = opened(browser_page, head.url)
+def test_voxels_of_unequal_sides_and_no_unit_have_a_bar_for_each_length(head_page: Page) -> None:
+    page = head_page
     bars = [re.fullmatch(r"(.*) ([0-9.]+) voxels?", words) for words in page.locator(".vs-scale").all_inner_texts()]
     assert [bar and bar[1] for bar in bars] == ["i, j", "k"]
     counts = [float(bar[2]) for bar in bars if bar]
@@ -115,35 +127,8 @@ def test_voxels_of_unequal_sides_and_no_unit_have_a_bar_for_each_length(head: Vi
     assert a_voxel[1] / a_voxel[0] == pytest.approx(2.0, rel=0.03)
 
 
-def test_axes_of_different_kinds_have_bars_sides_and_a_note_of_their_own(cube: Viewed, browser_page: Page) -> None:
-    page = opened(browser_page, cube.url)
-    bars = [re.sub(r" [0-9.]+ ", " ", words) for words in page.locator(".vs-scale").all_inner_texts()]
-    assert bars == ["RA, Dec arcmin", "velocity km/s"]
-    sides = {re.sub("[^A-Za-z]", "", side) for side in page.locator(".vs-letter").all_text_contents()}
-    assert sides == {"RA", "Dec", "vel"}
-    page.get_by_role("button", name="about this volume: 1 note of its reader").click()
-    noted = page.locator(".vs-noted")
-    noted.wait_for()
-    assert "velocity has no length on the sky" in noted.inner_text()
-    assert any("velocity has no length" in line for line in cube.said), "the terminal tells it as well"
-
-
-SHORT_FOR_TABLES = re.compile(r"\b(emit|refl|opac|modu)\b")
-
-
-def test_each_thing_has_one_name_on_the_whole_page(cube: Viewed, browser_page: Page) -> None:
-    page = opened(browser_page, cube.url)
-    words = page.locator("body").inner_text()
-    assert not SHORT_FOR_TABLES.search(words)
-    # What the file holds is an intensity, and nowhere a density.
-    assert "density" not in words.replace("intensity", "")
-    assert page.locator(".vs-wire-heads").inner_text().split()[:2] == ["int", "str"]
-    for name in ("lowest intensity", "highest intensity", "shift of all tables by intensity"):
-        assert page.get_by_label(name, exact=True).count() == 1
-
-
-def test_what_matters_most_stands_first_and_scales_are_named(head: Viewed, browser_page: Page) -> None:
-    page = opened(browser_page, head.url)
+def test_what_matters_most_stands_first_and_scales_are_named(head_page: Page) -> None:
+    page = head_page
     panels = page.locator(".vs-left .vs-title").all_inner_texts()
     assert panels[0] == "Window", panels
     window = page.get_by_label("highest density").bounding_box()
@@ -153,7 +138,36 @@ def test_what_matters_most_stands_first_and_scales_are_named(head: Viewed, brows
     assert "log" in row.inner_text().split()
 
 
-def test_the_terminal_tells_the_address_and_warns_of_nothing(head: Viewed, browser_page: Page) -> None:
-    opened(browser_page, head.url)
+def test_the_terminal_tells_the_address_and_warns_of_nothing(head: Viewed, head_page: Page) -> None:
+    assert head_page.title().startswith("head.nrrd")
     assert "Warning" not in "".join(head.said)
     assert [line.split()[0] for line in head.said if line.strip()] == ["head.nrrd", head.url]
+
+
+def test_axes_of_different_kinds_have_bars_sides_and_a_note_of_their_own(cube: Viewed, cube_page: Page) -> None:
+    page = cube_page
+    bars = [re.sub(r" [0-9.]+ ", " ", words) for words in page.locator(".vs-scale").all_inner_texts()]
+    assert bars == ["RA, Dec arcmin", "velocity km/s"]
+    sides = {re.sub("[^A-Za-z]", "", side) for side in page.locator(".vs-letter").all_text_contents()}
+    assert sides == {"RA", "Dec", "vel"}
+    page.get_by_role("button", name="about this volume: 1 note of its reader").click()
+    noted = page.locator(".vs-noted")
+    noted.wait_for()
+    assert "velocity has no length on the sky" in noted.inner_text()
+    assert any("velocity has no length" in line for line in cube.said), "the terminal tells it as well"
+    page.keyboard.press("Escape")
+    noted.wait_for(state="hidden")
+
+
+SHORT_FOR_TABLES = re.compile(r"\b(emit|refl|opac|modu)\b")
+
+
+def test_each_thing_has_one_name_on_the_whole_page(cube_page: Page) -> None:
+    page = cube_page
+    words = page.locator("body").inner_text()
+    assert not SHORT_FOR_TABLES.search(words)
+    # What the file holds is an intensity, and nowhere a density.
+    assert "density" not in words.replace("intensity", "")
+    assert page.locator(".vs-wire-heads").inner_text().split()[:2] == ["int", "str"]
+    for name in ("lowest intensity", "highest intensity", "shift of all tables by intensity"):
+        assert page.get_by_label(name, exact=True).count() == 1

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from support.files.opened import read_whole
-from support.pages.browser import browser, browser_page, patient_context
+from support.pages.browser import browser, browser_page, kept_as_loaded, patient_context
 from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, drag, opened
 from support.pages.tables_tab import box, until
@@ -26,8 +27,23 @@ PIXELS = """(slice) => {
 }"""
 
 
+BEGIN = {"i": 11, "j": 15, "k": 13}
+
+
 @pytest.fixture
-def page(view: Viewed, browser_page: Page) -> Page:
+def page(browser: Browser, view: Viewed, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """With slices as they are when the page was just loaded; they are put back, and the page kept if they are so."""
+    test, context = request.node.nodeid, browser.contexts[0]
+    with kept_as_loaded(context, view.url, test, lambda tab: with_slices(tab, view.url)) as page:
+        yield page
+        for name, index in BEGIN.items():
+            slice_across(page, name).focus()
+            for key in ("0", "Home", "PageUp", *["ArrowUp"] * (index - 10)):
+                page.keyboard.press(key)
+
+
+@pytest.fixture
+def fresh_page(view: Viewed, browser_page: Page) -> Page:
     return with_slices(browser_page, view.url)
 
 
@@ -204,13 +220,17 @@ def test_slices_follow_tables_and_bounds_but_not_the_turning_hand(page: Page) ->
     page.get_by_label("lowest i").fill("8")
     page.keyboard.press("Enter")
     until(page, lambda: outline.get_attribute("points") != before)
+    page.get_by_label("lowest i").fill("0")
+    page.keyboard.press("Enter")
+    until(page, lambda: outline.get_attribute("points") == before)
     page.get_by_role("button", name="5–95 %").click()
     until(page, lambda: shown(page, "k") != pixels)
     page.get_by_role("button", name="automatic").click()
     until(page, lambda: shown(page, "k") == pixels)
 
 
-def test_slices_are_there_again_after_loading_anew_and_in_a_small_window(page: Page) -> None:
+def test_slices_are_there_again_after_loading_anew_and_in_a_small_window(fresh_page: Page) -> None:
+    page = fresh_page
     page.set_viewport_size({"width": 390, "height": 844})
     page.reload()
     places = []
@@ -240,3 +260,4 @@ def test_on_slices_distances_are_measured_by_hand_and_by_keys(page: Page) -> Non
     expect(told).to_contain_text("°")
     assert index_of(page, "i") == before
     assert across.locator(".vs-measured-lines circle").count() == 3
+    page.keyboard.press("m")

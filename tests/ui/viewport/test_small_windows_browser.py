@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
 
-from support.pages.browser import browser, browser_page, patient_context
+from support.pages.browser import browser, kept_as_loaded, patient_context
 from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, opened
 from support.pages.tables_tab import until
@@ -16,9 +15,9 @@ from support.pages.viewed import Viewed, phantom, view, volume
 from volsplat.bench.page_drag import REFINED
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Locator, Page
+    from playwright.sync_api import Browser, BrowserContext, Locator, Page, ViewportSize
 
-__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+__all__ = ["browser", "phantom", "view", "volume"]
 
 TELEPHONE, TABLET = (390, 844), (800, 600)
 LEAST_LEGIBLE = 8.0  # CSS pixels of letters that are read
@@ -51,13 +50,29 @@ CLASHES = """(least) => {
 }"""
 
 
-@contextmanager
-def small_page(browser: Browser, view: Viewed, size: tuple[int, int]) -> Iterator[Page]:
+@pytest.fixture(scope="module")
+def handheld(browser: Browser) -> Iterator[BrowserContext]:
+    with patient_context(browser, has_touch=True, is_mobile=True, reduced_motion="no-preference") as context:
+        yield context
+
+
+@pytest.fixture
+def page(handheld: BrowserContext, view: Viewed, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """The page on a telephone, as it is when it was just loaded, with the picture refined to the end."""
+
+    def load(page: Page) -> None:
+        page.set_viewport_size(window_of(TELEPHONE))
+        opened(page, view.url)
+
+    with kept_as_loaded(handheld, view.url, request.node.nodeid, load) as page:
+        page.wait_for_function(REFINED)
+        yield page
+        page.set_viewport_size(window_of(TELEPHONE))
+
+
+def window_of(size: tuple[int, int]) -> ViewportSize:
     width, height = size
-    window = {"width": width, "height": height}
-    moving = {"has_touch": True, "is_mobile": True, "reduced_motion": "no-preference"}
-    with patient_context(browser, viewport=window, **moving) as context:
-        yield opened(context.new_page(), view.url)
+    return {"width": width, "height": height}
 
 
 def height_seen(page: Page) -> float:
@@ -81,132 +96,126 @@ def panels(page: Page) -> tuple[Locator, Locator]:
 
 
 @pytest.mark.parametrize("width", [360, 390, 599, 600, 899])
-def test_the_head_of_a_small_window_has_two_lines_and_nothing_in_it_is_cut_off(
-    browser: Browser, view: Viewed, width: int
-) -> None:
-    with small_page(browser, view, (width, 700)) as page:
-        boxes = page.evaluate(
-            """() => [...document.querySelectorAll(".vs-head > *, .vs-drawer-button, .vs-step, .vs-order > *")]
-                .map((part) => part.getBoundingClientRect()).filter((box) => box.width > 0 && box.height > 0)
-                .map((box) => [box.left, box.right, box.top, box.bottom])"""
-        )
-        lines: list[tuple[float, float]] = []  # what parts beside each other reach from and to
-        for _, _, top, bottom in sorted(boxes, key=lambda box: box[2]):
-            if lines and top < lines[-1][1] - 1:
-                lines[-1] = (lines[-1][0], max(bottom, lines[-1][1]))
-            else:
-                lines.append((top, bottom))
-        assert len(lines) == 2, boxes
-        assert all(0 <= left and right <= width for left, right, *_ in boxes)
-        assert page.evaluate("() => document.documentElement.scrollWidth") == width
+def test_the_head_of_a_small_window_has_two_lines_and_nothing_in_it_is_cut_off(page: Page, width: int) -> None:
+    page.set_viewport_size(window_of((width, 700)))
+    page.wait_for_function(REFINED)
+    boxes = page.evaluate(
+        """() => [...document.querySelectorAll(".vs-head > *, .vs-drawer-button, .vs-step, .vs-order > *")]
+            .map((part) => part.getBoundingClientRect()).filter((box) => box.width > 0 && box.height > 0)
+            .map((box) => [box.left, box.right, box.top, box.bottom])"""
+    )
+    lines: list[tuple[float, float]] = []  # what parts beside each other reach from and to
+    for _, _, top, bottom in sorted(boxes, key=lambda box: box[2]):
+        if lines and top < lines[-1][1] - 1:
+            lines[-1] = (lines[-1][0], max(bottom, lines[-1][1]))
+        else:
+            lines.append((top, bottom))
+    assert len(lines) == 2, boxes
+    assert all(0 <= left and right <= width for left, right, *_ in boxes)
+    assert page.evaluate("() => document.documentElement.scrollWidth") == width
 
 
 @pytest.mark.parametrize("size", [TELEPHONE, TABLET], ids=["telephone", "tablet"])
-def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(
-    browser: Browser, view: Viewed, size: tuple[int, int]
-) -> None:
+def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(page: Page, size: tuple[int, int]) -> None:
     from playwright.sync_api import expect
 
-    with small_page(browser, view, size) as page:
-        box = page.locator(".vs-view canvas").first.bounding_box()
-        assert box is not None
-        assert box["width"] == size[0] and box["height"] > 0.7 * size[1]
-        assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
-        scene, tables = panels(page)
-        expect(scene).to_be_hidden()
-        expect(tables).to_be_hidden()
-        for name, shown, other in (("scene", scene, tables), ("tables", tables, scene)):
-            button = page.get_by_role("button", name=name, exact=True)
-            button.tap()
-            expect(button).to_have_attribute("aria-expanded", "true")
-            expect(shown).to_be_visible()
-            expect(other).to_be_hidden()
-            inside = shown.bounding_box()
-            assert inside is not None
-            assert inside["x"] >= 0 and inside["x"] + inside["width"] <= size[0]
-            assert inside["y"] + inside["height"] <= size[1]
-            # What a panel changes is seen while it is open: beside it, or above it.
-            assert size == TABLET or height_seen(page) > 0.3 * size[1]
-            assert size == TELEPHONE or inside["width"] < 0.5 * size[0]
-        button = page.get_by_role("button", name="scene", exact=True)
+    page.set_viewport_size(window_of(size))
+    page.wait_for_function(REFINED)
+    box = page.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    assert box["width"] == size[0] and box["height"] > 0.7 * size[1]
+    assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
+    scene, tables = panels(page)
+    expect(scene).to_be_hidden()
+    expect(tables).to_be_hidden()
+    for name, shown, other in (("scene", scene, tables), ("tables", tables, scene)):
+        button = page.get_by_role("button", name=name, exact=True)
         button.tap()
-        for _ in range(2):  # there and back
-            after(page, lambda: page.get_by_role("switch", name="diffuse").tap())
-        button.tap()
-        expect(scene).to_be_hidden()
+        expect(button).to_have_attribute("aria-expanded", "true")
+        expect(shown).to_be_visible()
+        expect(other).to_be_hidden()
+        inside = shown.bounding_box()
+        assert inside is not None
+        assert inside["x"] >= 0 and inside["x"] + inside["width"] <= size[0]
+        assert inside["y"] + inside["height"] <= size[1]
+        # What a panel changes is seen while it is open: beside it, or above it.
+        assert size == TABLET or height_seen(page) > 0.3 * size[1]
+        assert size == TELEPHONE or inside["width"] < 0.5 * size[0]
+    button = page.get_by_role("button", name="scene", exact=True)
+    button.tap()
+    for _ in range(2):  # there and back
+        after(page, lambda: page.get_by_role("switch", name="diffuse").tap())
+    button.tap()
+    expect(scene).to_be_hidden()
 
 
-def test_fingers_turn_and_zoom_beside_an_open_drawer(browser: Browser, view: Viewed) -> None:
-    with small_page(browser, view, TELEPHONE) as page:
-        whole = height_seen(page)
-        page.get_by_role("button", name="scene", exact=True).tap()
-        until(page, lambda: height_seen(page) < 0.5 * whole)
-        page.wait_for_function(REFINED)
-        touch = fingers_on(page)
+def test_fingers_turn_and_zoom_beside_an_open_drawer(page: Page) -> None:
+    whole = height_seen(page)
+    page.get_by_role("button", name="scene", exact=True).tap()
+    until(page, lambda: height_seen(page) < 0.5 * whole)
+    page.wait_for_function(REFINED)
+    touch = fingers_on(page)
 
-        def seen() -> dict[str, object]:
-            found: dict[str, object] = page.evaluate("() => window.volsplatViewport.view")
-            return found
+    def seen() -> dict[str, object]:
+        found: dict[str, object] = page.evaluate("() => window.volsplatViewport.view")
+        return found
 
-        def turn() -> None:
-            touch("touchStart", (150, 250))
-            touch("touchMove", (200, 280))
-            touch("touchMove", (230, 300))
-            touch("touchEnd")
+    def turn() -> None:
+        touch("touchStart", (150, 250))
+        touch("touchMove", (200, 280))
+        touch("touchMove", (230, 300))
+        touch("touchEnd")
 
-        def spread() -> None:
-            pinch(touch, ((170, 250), (220, 250)), ((140, 250), (250, 250)))
+    def spread() -> None:
+        pinch(touch, ((170, 250), (220, 250)), ((140, 250), (250, 250)))
 
-        first = seen()
-        after(page, turn)
-        turned = seen()
-        assert turned["rotation"] != first["rotation"] and turned["zoom"] == first["zoom"]
-        after(page, spread)
-        assert seen()["rotation"] == turned["rotation"]
-        assert float(str(seen()["zoom"])) > 1.5 * float(str(turned["zoom"]))
+    first = seen()
+    after(page, turn)
+    turned = seen()
+    assert turned["rotation"] != first["rotation"] and turned["zoom"] == first["zoom"]
+    after(page, spread)
+    assert seen()["rotation"] == turned["rotation"]
+    assert float(str(seen()["zoom"])) > 1.5 * float(str(turned["zoom"]))
+    page.get_by_role("button", name="scene", exact=True).tap()
+    until(page, lambda: height_seen(page) == whole)
 
 
-def test_all_of_the_picture_is_seen_above_a_drawer_of_a_telephone(browser: Browser, view: Viewed) -> None:
+def test_all_of_the_picture_is_seen_above_a_drawer_of_a_telephone(page: Page) -> None:
     def fills(share: float) -> bool:
         canvas, seen = page.locator(".vs-view canvas").first.bounding_box(), height_seen(page)
         assert canvas is not None
         return abs(seen - canvas["height"]) <= 2 and abs(seen - share * whole) <= 2
 
-    with small_page(browser, view, TELEPHONE) as page:
-        whole = height_seen(page)
-        button = page.get_by_role("button", name="tables", exact=True)
-        button.tap()
-        until(page, lambda: fills(0.48))
-        page.wait_for_function(REFINED)
-        button.tap()
-        until(page, lambda: fills(1.0))
+    whole = height_seen(page)
+    button = page.get_by_role("button", name="tables", exact=True)
+    button.tap()
+    until(page, lambda: fills(0.48))
+    page.wait_for_function(REFINED)
+    button.tap()
+    until(page, lambda: fills(1.0))
 
 
-def test_keys_reach_what_a_drawer_holds_and_leave_it(browser: Browser, view: Viewed) -> None:
+def test_keys_reach_what_a_drawer_holds_and_leave_it(page: Page) -> None:
     from playwright.sync_api import expect
 
-    with small_page(browser, view, TELEPHONE) as page:
-        scene, _ = panels(page)
-        page.get_by_role("button", name="to the bounds", exact=True).focus()
-        page.keyboard.press("Enter")
-        expect(scene).to_be_visible()
-        expect(scene.locator(":focus")).to_have_count(1)
-        page.keyboard.press("Escape")
-        expect(scene).to_be_hidden()
-        expect(page.get_by_role("button", name="scene", exact=True)).to_be_focused()
-        page.set_viewport_size({"width": 1280, "height": 800})
-        expect(scene).to_be_visible()
-        expect(page.get_by_role("button", name="scene", exact=True)).to_be_hidden()
+    scene, _ = panels(page)
+    page.get_by_role("button", name="to the bounds", exact=True).focus()
+    page.keyboard.press("Enter")
+    expect(scene).to_be_visible()
+    expect(scene.locator(":focus")).to_have_count(1)
+    page.keyboard.press("Escape")
+    expect(scene).to_be_hidden()
+    expect(page.get_by_role("button", name="scene", exact=True)).to_be_focused()
+    page.set_viewport_size(window_of((1280, 800)))
+    expect(scene).to_be_visible()
+    expect(page.get_by_role("button", name="scene", exact=True)).to_be_hidden()
 
 
-def test_nothing_that_is_read_beside_slices_lies_over_another_is_cut_off_or_too_small(
-    browser: Browser, view: Viewed
-) -> None:
-    with small_page(browser, view, TELEPHONE) as page:
-        page.get_by_role("button", name="three slices").tap()
-        page.get_by_role("button", name="colours of the tables").tap()
-        page.wait_for_function("() => document.querySelectorAll('.vs-slice[data-shown]').length === 3")
-        for width, height in (TELEPHONE, (360, 640), (768, 1024), (1280, 800), (1440, 900), TABLET):
-            page.set_viewport_size({"width": width, "height": height})
-            # The bar is drawn anew for its room, the scale with the picture.
-            until(page, lambda: page.evaluate(CLASHES, LEAST_LEGIBLE) == [])
+def test_nothing_that_is_read_beside_slices_lies_over_another_is_cut_off_or_too_small(page: Page) -> None:
+    page.get_by_role("button", name="three slices").tap()
+    page.get_by_role("button", name="colours of the tables").tap()
+    page.wait_for_function("() => document.querySelectorAll('.vs-slice[data-shown]').length === 3")
+    for width, height in (TELEPHONE, (360, 640), (768, 1024), (1280, 800), (1440, 900), TABLET):
+        page.set_viewport_size(window_of((width, height)))
+        # The bar is drawn anew for its room, the scale with the picture.
+        until(page, lambda: page.evaluate(CLASHES, LEAST_LEGIBLE) == [])
