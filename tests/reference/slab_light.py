@@ -58,9 +58,11 @@ def block_light(packets: Tensor, geometry: Geometry, quantisation: Quantisation,
     light = torch.tensor(matrices.normalised(scene.light.direction), dtype=torch.float64)
     if scene.light.fixed_to == "world":
         light = torch.tensor(screen_rotation(scene.view), dtype=torch.float64).T @ light
+    open_everywhere = torch.ones_like(depths)  # where the scene does not ask
+    sky = [_passed(depths, to_blocks, way, geometry) for way in _sky()] if scene.light.occlusion else [open_everywhere]
     return BlockLight(
-        lamp=_passed(depths, to_blocks, light, geometry),
-        sky=torch.stack([_passed(depths, to_blocks, way, geometry) for way in _sky()]).mean(dim=0),
+        lamp=_passed(depths, to_blocks, light, geometry) if scene.light.shadows else open_everywhere,
+        sky=torch.stack(sky).mean(dim=0),
         size=torch.tensor(size, dtype=torch.float64),
         to_blocks=to_blocks,
     )
@@ -111,12 +113,12 @@ def _passed(depths: Tensor, to_blocks: Tensor, direction: Tensor, geometry: Geom
         ordered = ordered.flip(0)
     rows, columns = torch.meshgrid(*map(torch.arange, ordered.shape[1:]), indexing="ij")
     row, column = rows + step[axes[0]], columns + step[axes[1]]
+    top, left = row.floor().long(), column.floor().long()
+    down, right = row - top, column - left
     light, slices = torch.ones(ordered.shape[1:], dtype=torch.float64), []
     for dimmed in ordered:
         slices.append(light)
         padded = torch.nn.functional.pad((light * dimmed)[None], (3, 3, 3, 3), value=1.0)[0]
-        top, left = row.floor().long(), column.floor().long()
-        down, right = row - top, column - left
         light = torch.zeros_like(light)
         for below, beside in ((0, 0), (0, 1), (1, 0), (1, 1)):
             share = (down if below else 1 - down) * (right if beside else 1 - right)

@@ -7,6 +7,7 @@ out.
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -17,7 +18,7 @@ from reference.footprint import integral
 from reference.plane import plane_table
 from reference.slab_kernels import slab_density
 from reference.slab_light import BlockLight, block_light
-from volsplat.protocol.description.scene import Field, Scene, Step
+from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
@@ -317,13 +318,18 @@ def _depths(scene: Scene, fields: dict[Field, Tensor]) -> Tensor:
     return -torch.log1p(-_opacity(scene, fields).clamp(max=MOST_OPAQUE))
 
 
+@cache
+def _entries(table: ColourTable | ScalarTable) -> Tensor:
+    return torch.tensor(table.entries(), dtype=torch.float64)
+
+
 def _opacity(scene: Scene, fields: dict[Field, Tensor] | None) -> Tensor:
     opacity = torch.ones(256, dtype=torch.float64)
     tables = [(scene.tables.opac, scene.cross_bar.opac)]
     if scene.shading.modulation:
         tables.append((scene.tables.modu, scene.cross_bar.modu))
     for table, field in tables:
-        entries = torch.tensor(table.entries(), dtype=torch.float64)
+        entries = _entries(table)
         if field == Field.DENSITY:
             opacity = opacity * entries
         elif fields is not None:
@@ -333,7 +339,7 @@ def _opacity(scene: Scene, fields: dict[Field, Tensor] | None) -> Tensor:
 
 def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], low: Tensor, high: Tensor) -> Tensor:
     """(n, 3): of a table that density indexes the mean, by the depth that density alone gives."""
-    entries = torch.tensor(getattr(scene.tables, table).entries(), dtype=torch.float64)
+    entries = _entries(getattr(scene.tables, table))
     field = getattr(scene.cross_bar, table)
     if field != Field.DENSITY:
         return entries[fields[field]]
