@@ -7,6 +7,7 @@ mean of such a one and of a bell, (1 - q)^4.
 """
 
 import math
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -15,7 +16,7 @@ from reference.footprint import kernel_density
 from volsplat.protocol.description.scene import Kernel, SlabKernel
 from volsplat.protocol.rules.slab_kernels import COEFFICIENTS, SLAB_RADIUS
 
-POINTS = 801  # of a kernel over r
+POINTS = 401  # of a kernel over r
 FALL, FALL_FROM = 6, 0.15  # of a wave's share: (frequency + from) to the power -fall
 WAVES = 1500
 ALIASES = 2  # of each, to either side on each axis
@@ -43,6 +44,7 @@ def coefficients_of(kernel: SlabKernel, radius: float, count: int) -> Tensor:
     return (1 - BELL_SHARE) * best + BELL_SHARE * bell / whole
 
 
+@cache
 def least_squares(radius: float, count: int) -> Tensor:
     """The coefficients (count,), scaled so that the kernel integrates to 1."""
     r, shapes = _over_space(radius, count)
