@@ -10,6 +10,9 @@ _STRENGTHS = torch.tensor([strength_bin(strength) for strength in range(256)])
 _BIN_OF_ENTRY = (_STRENGTHS[:, None] * 256 + torch.arange(256)).flatten()  # of density | strength << 8
 
 
+BINS = NO_DATA_BIN + 1
+
+
 def bins(packets: Tensor) -> Tensor:
     """Of packets, int64 of any shape: density | strength's bin << 8, or that of no data."""
     return torch.where(packets >> NO_DATA_BIT == 0, _BIN_OF_ENTRY[packets & 65535], NO_DATA_BIN)
@@ -23,9 +26,9 @@ def mixture(finer: Tensor, coarser: Tensor) -> Tensor:
     for at in corners(sides):
         corner = corner_of(finer, sides, at)
         mean = coarser[tuple(slice(0, n) for n in corner.shape)]
-        pairs.append(torch.stack((bins(mean), bins(corner)), dim=-1).reshape(-1, 2))
-    both, counts = torch.unique(torch.cat(pairs), dim=0, return_counts=True)
-    rows = torch.cat((both, counts[:, None]), dim=1)
+        pairs.append((bins(mean) * BINS + bins(corner)).flatten())
+    both, counts = torch.unique(torch.cat(pairs), return_counts=True)
+    rows = torch.stack((both // BINS, both % BINS, counts), dim=1)
     return rows[rows[:, 0] != NO_DATA_BIN]
 
 
