@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import plyfile
 import pytest
-import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -112,6 +111,8 @@ def test_gaussians_draw_our_picture_again(affine: NDArray[np.float64], tmp_path:
 
 @pytest.mark.parametrize("affine", [np.eye(4), SKEW, MIRRORED], ids=["even", "skew", "mirrored and skew"])
 def test_a_mesh_is_the_surface_right_side_out(affine: NDArray[np.float64], tmp_path: Path) -> None:
+    import trimesh  # for a second, which all who collect this need not take
+
     expected = 4 / 3 * math.pi * RADIUS**3 * abs(np.linalg.det(affine))
     with SingleProcess(ball(affine)) as single:
         scene = single.volume.default_scene()

@@ -6,14 +6,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import dask.array
 import h5py
 import nibabel
 import numpy as np
-import pyvista
 import SimpleITK
 import torch
-import xarray
 import zarr
 
 from support.checkout import SHARED_DATA
@@ -151,12 +148,23 @@ def _head() -> Voxels:
     return make_phantom("head", size=HEAD)[0].numpy().astype(np.int16)
 
 
+# What takes long to import is imported by whoever runs the test, and not by all who collect it.
+def _in_chunks(values: Voxels, folder: Path) -> Any:
+    import dask.array
+
+    return dask.array.from_array(values, chunks=(16, 16, 48))
+
+
 def _labelled(values: Voxels, folder: Path) -> Any:
+    import xarray
+
     coords = {axis: np.arange(count) for axis, count in zip("xyz", values.shape[::-1], strict=True)}
     return xarray.DataArray(values, coords, ("z", "y", "x"))
 
 
 def _of_vtk(values: Voxels, folder: Path) -> Any:
+    import pyvista
+
     image = pyvista.ImageData(dimensions=values.shape[::-1])
     image.point_data["density"] = values.ravel()
     return image
@@ -165,7 +173,7 @@ def _of_vtk(values: Voxels, folder: Path) -> Any:
 BARE: dict[str, Callable[[Voxels, Path], Any]] = {
     "numpy": lambda values, folder: values,
     "torch": lambda values, folder: torch.from_numpy(values),
-    "dask": lambda values, folder: dask.array.from_array(values, chunks=(16, 16, 48)),
+    "dask": _in_chunks,
     "zarr": lambda values, folder: zarr.create_array(store=folder / "v.zarr", data=values, chunks=(16, 16, 48)),
     "h5py": lambda values, folder: h5py.File(folder / "v.h5", "w").create_dataset("v", data=values),
 }
