@@ -60,16 +60,18 @@ def table_of(half_width: float, half_height: float, amplitude: float, offset_bit
 THRESHOLDS = thresholds_of(first_index=7, index_step=-1)
 
 
-def footprint_pixels(table: FootprintTable, dot: Dot, sheet: int) -> Affected:
+def footprint_pixels(table: FootprintTable, dot: Dot, sheet: int, width: int, height: int) -> Affected:
+    """Those within an image."""
     shift = SUBPIXEL_BITS - table.offset_bits
     added = THRESHOLDS.of(sheet) << shift >> 32
     x, y = (dot.x + added) >> shift, (dot.y + added) >> shift
     n = 1 << table.offset_bits
     left, top, weights = table.weights_at(x % n, y % n)
+    left, top = x // n + left, y // n + top
     return [
-        (x // n + left + column, y // n + top + row, weights[row * table.width + column])
-        for row in range(table.height)
-        for column in range(table.width)
+        (left + column, top + row, weights[row * table.width + column])
+        for row in range(max(0, -top), min(table.height, height - top))
+        for column in range(max(0, -left), min(table.width, width - left))
     ]
 
 
@@ -89,7 +91,7 @@ def plainly_splatted(
     image = [[0.0, 0.0, 0.0, 0.0] for _ in range(width * height)]
     for sheet, dot in ((run.sheet, dot) for run in runs for dot in run.dots):
         colour = [*(channel / 255 for channel in dot.colour), 1.0]
-        for x, y, weight in footprint_pixels(table, dot, sheet) if table else nearest_pixel(dot):
+        for x, y, weight in footprint_pixels(table, dot, sheet, width, height) if table else nearest_pixel(dot):
             if not (weight > 0 and 0 <= x < width and 0 <= y < height):
                 continue
             pixel = image[y * width + x]
