@@ -10,6 +10,9 @@ from volsplat.deploy import local
 from volsplat.deploy.forked_servers import ForkedServer, ForkedServers
 from volsplat.deploy.server_command import Program
 
+# What servers load when they greet, and when they read what most tests have as their volumes.
+LATE = ["subprocess", "encodings.ascii", "encodings.idna", "volsplat.mapshade_server.readers.medicine.nrrd"]
+
 
 class _OfASession(ForkedServers):
     """What a session sees of it: ending it ends the session's servers."""
@@ -45,7 +48,7 @@ class _Lender:
     def lend(self) -> ForkedServers:
         if self._shared is None or self._shared.gone:
             self.end()
-            self._shared = ForkedServers()
+            self._shared = ForkedServers(LATE)
         return _OfASession(self._shared)
 
     def end(self) -> None:
