@@ -17,6 +17,7 @@ from volsplat.deploy.fork_server import Ended, Lines, Signal, Start, Started
 from volsplat.deploy.server_command import Program
 
 FORK_SERVER = "volsplat.deploy.fork_server"
+COMMAND: tuple[str, ...] = (sys.executable, "-m", FORK_SERVER)
 ALONE = {"OPENBLAS_NUM_THREADS": "1"}  # a process with threads is not forked; servers have threads of their own
 
 
@@ -77,7 +78,7 @@ class ForkedServers:
         with theirs:
             threading.Thread(target=self._hear, name="hear the fork server", daemon=True).start()
             self._process = subprocess.Popen(
-                [sys.executable, "-m", FORK_SERVER, *modules],
+                [*COMMAND, *modules],
                 env=os.environ | ALONE,
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,

@@ -1,27 +1,29 @@
 """Small packet stores, made of values on the spot."""
 
 import hashlib
+import os
 import signal
-from contextlib import suppress
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from support.files.slow_preparing import prepare_slowly
-from support.programs.programs import LOADED
+from support.files import slow_preparing
+from support.files.slow_preparing import LITTLE, SMALL
+from support.patience import PATIENCE
+from support.programs.forker import Begun
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.held.packet_store import Packets, PacketStore, open_store
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare import Options, Prepared, prepare
-from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.index_rules import Quantisation
 
-SMALL = Layout(brick=8, shard=16, coarsest=8**3)
-LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + 232 * 1024)  # a shard at a time
+__all__ = ["LITTLE", "SMALL"]
+
 SKEWED: Matrix = ((0.9, 0.2, 0.1), (-0.1, 1.2, -0.4), (0.05, 0.3, -1.8))
 ODD_DIMS = (37, 21, 50)
 
@@ -97,16 +99,11 @@ def tree(folder: Path) -> dict[str, str]:
 def killed_after(lines: int, volume: Path, out: Path) -> list[str]:
     """What a run reports until it is killed, or to its end."""
     told: list[str] = []
-    reader, writer = LOADED.Pipe(duplex=False)
-    process = LOADED.Process(target=prepare_slowly, args=(str(volume), out, LITTLE, writer))
-    with reader:
-        with writer:
-            process.start()
-        with suppress(EOFError, OSError):  # it has ended, perhaps within a line
-            while True:
-                told.append(reader.recv())
-                if len(told) == lines:
-                    process.kill()
-    process.join()
-    assert process.exitcode in (0, -signal.SIGKILL)
+    words = ["-m", slow_preparing.__name__, str(volume), str(out)]
+    with closing(Begun(words, out.parent, os.environ)) as process:
+        for line in process.stderr:
+            told.append(line.rstrip("\n"))
+            if len(told) == lines:
+                process.send_signal(signal.SIGKILL)
+        assert process.wait(PATIENCE) in (0, -signal.SIGKILL)
     return told

@@ -1,31 +1,34 @@
-"""Prepares a store so slowly that the process can be killed meanwhile. Loads nothing but what it needs for that."""
+"""Prepares a small store so slowly that the process can be killed meanwhile, and prints each report as a line on
+stderr.
 
+Run as `python -m support.files.slow_preparing VOLUME OUT.zarr`.
+"""
+
+import sys
 import time
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
+
+SMALL = Layout(brick=8, shard=16, coarsest=8**3)
+LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + 232 * 1024)  # a shard at a time
 
 
 class _Slow:
-    """Hands on each report as a line."""
-
-    def __init__(self, reports: Connection) -> None:
-        self._reports = reports
-
     def note(self, text: str) -> None:
-        self._reports.send(text)
+        print(text, file=sys.stderr)
 
     def begin(self, stage: str, total: int) -> None:
-        self._reports.send(stage)
+        print(stage, file=sys.stderr)
 
     def advance(self, done: int) -> None:
-        self._reports.send("+")
+        print("+", file=sys.stderr)
         time.sleep(0.02)
 
     def check_wanted(self) -> None:
         """It is."""
 
 
-def prepare_slowly(volume: str, out: Path, options: Options, reports: Connection) -> None:
-    prepare(volume, out, options, _Slow(reports))
+if __name__ == "__main__":
+    prepare(sys.argv[1], Path(sys.argv[2]), LITTLE, _Slow())

@@ -24,7 +24,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from support.pages import patient_http
 from support.patience import PATIENCE
-from support.programs.programs import Forked, Person
+from support.programs.forker import Begun
+from support.programs.programs import Person
 from support.programs.server_processes import is_server
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -38,7 +39,7 @@ class Viewed:
     """A running `volsplat view`."""
 
     url: str
-    process: Forked | Popen[str]
+    process: Begun | Popen[str]
     person: Person
     said: list[str] = field(default_factory=list)  # lines on its stderr
 
@@ -93,7 +94,7 @@ def _words(volume: Path | None, arguments: Iterable[str]) -> list[str]:
 
 
 @contextmanager
-def _watched(process: Forked | Popen[str], person: Person) -> Iterator[Viewed]:
+def _watched(process: Begun | Popen[str], person: Person) -> Iterator[Viewed]:
     assert process.stderr is not None
     said: list[str] = []
     watchdog = threading.Timer(PATIENCE, process.send_signal, [signal.SIGKILL])

@@ -1,7 +1,8 @@
 """Forks programs of volsplat from a process that has loaded what each would load again, for a second or two.
 
-Run as `python -m support.programs.command_forker SOCKET STAND_IN`: the number of a listening socket, and the command
-that asks there (stand_in.py). Ends, and with it all that it has forked, when its standard input does.
+Run as `python -m support.programs.command_forker SOCKET STAND_IN FORKED`: the number of a listening socket, the command
+that asks there (stand_in.py), and what of the programs that commands start is forked, too: `all` or `fork-servers`.
+Ends, and with it all that it has forked, when its standard input does.
 """
 
 import gc
@@ -20,21 +21,30 @@ from selectors import EVENT_READ, DefaultSelector
 from typing import Any, NoReturn
 
 from support.patience import PATIENCE
+from support.programs.marks import mark
 
 STARTED_WITH = frozenset(os.environ)  # as OpenImageIO finds its fonts by a variable that it sets
 
+from volsplat.bench.commands.command import SUMMARIES  # noqa: E402
 from volsplat.client.command.cli import main as volsplat  # noqa: E402
+from volsplat.client.command.commands import ENTRIES  # noqa: E402
 
-CLIENT = [f"command.{name}_command" for name in ("info", "movie", "phantom", "render", "scene")]
-CLIENT += ["command.commands", "figure.figure_file", "image.image_file", "scene.resized", "scene.view_sides"]
+CLIENT = ["figure.figure_file", "image.image_file", "scene.resized", "scene.view_sides"]
+CLIENT += [f"ui.{name}" for name in ("application", "opening.start_page", "page")]
 SERVERS = [
     "deploy.batch.task_pools",
     "mapshade_server.command",
-    "mapshade_server.prepare.command",
     "splat_server.command",
+    "mapshade_server.readers.medicine.nrrd",
 ]
-LIBRARIES = ["torch", "SimpleITK", "OpenImageIO", "zarr", "encodings.idna"]
-MODULES = [*(f"volsplat.client.{name}" for name in CLIENT), *(f"volsplat.{name}" for name in SERVERS), *LIBRARIES]
+LIBRARIES = ["torch", "SimpleITK", "OpenImageIO", "distributed", "zarr", "encodings.ascii", "encodings.idna"]
+MODULES = [
+    *(entry.module.format(name=name) for name, entry in ENTRIES.items() if not entry.program),
+    *(f"volsplat.bench.commands.{name}_command" for name in SUMMARIES),
+    *(f"volsplat.client.{name}" for name in CLIENT),
+    *(f"volsplat.{name}" for name in SERVERS),
+    *LIBRARIES,
+]
 
 
 @dataclass(eq=False)
@@ -52,8 +62,8 @@ class _Forked:
         """Hands the status on to who asked, unless nobody waits any more."""
         status = os.waitstatus_to_exitcode(os.waitpid(self.identity, 0)[1])
         os.close(self.ended)
-        with self.asker, suppress(BrokenPipeError):
-            self.asker.sendall(str(status if status >= 0 else 128 - status).encode())
+        with self.asker:
+            _tell(self.asker, status)
 
 
 class _Forker:
@@ -93,6 +103,7 @@ class _Forker:
             os.close(stream)
         forked = _Forked(identity, os.pidfd_open(identity), asker)
         self._running.add(forked)
+        _tell(asker, identity)
         self._selector.register(forked.ended, EVENT_READ, forked)
         self._selector.register(asker, EVENT_READ, forked)
 
@@ -102,6 +113,11 @@ class _Forker:
         if forked.asker in self._selector.get_map():
             self._selector.unregister(forked.asker)
         forked.report()
+
+
+def _tell(asker: socket.socket, number: int) -> None:
+    with suppress(BrokenPipeError, ConnectionResetError):
+        asker.sendall(number.to_bytes(8, "big", signed=True))
 
 
 def _request(asker: socket.socket) -> tuple[dict[str, Any], list[int]]:
@@ -118,6 +134,8 @@ def _become(words: list[str], folder: str, environment: dict[str, str]) -> NoRet
     set_while_loading = {name: os.environ[name] for name in os.environ.keys() - STARTED_WITH}
     os.environ.clear()
     os.environ.update(set_while_loading | environment)
+    if token := environment.get("VOLSPLAT_TOKEN"):
+        mark(token)  # by which a person's servers are known
     status = _status_of(words)
     threading._shutdown()  # type: ignore[attr-defined]  # which waits for threads, as at the end of any program
     sys.stdout.flush()
@@ -143,9 +161,17 @@ def _status_of(words: list[str]) -> int:
 
 def main() -> None:
     listener = socket.socket(fileno=int(sys.argv[1]))
-    sys.executable = sys.argv[2]  # so that servers and what a command becomes are forked, too; before modules note it
+    _, _, stand_in, forked = sys.argv
+    if forked == "all":
+        sys.executable = stand_in  # so that servers and what a command becomes are; before modules note it
     for name in MODULES:
         import_module(name)
+    from volsplat.client.ui import application
+    from volsplat.deploy import forked_servers
+
+    application.RECONNECT_SECONDS = PATIENCE  # a page that a busy machine keeps waiting is not loaded anew
+    forked_servers.COMMAND = (stand_in, "-m", forked_servers.FORK_SERVER)
+    sys.modules["__main__"].__package__ = None  # by which click would call the command
     gc.freeze()  # what is collected by those that are forked is their own
     _Forker(listener).serve()
     os._exit(0)  # as those that it has forked

@@ -1,20 +1,15 @@
 """A shell whose `volsplat` begins at once."""
 
 import os
-import shlex
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryFile
 from types import TracebackType
 from typing import Self
 
-from support.checkout import ROOT
-from support.patience import PATIENCE
-
-STAND_IN = Path(__file__).with_name("stand_in.py")
+from support.programs.forker import Forker
 
 
 class QuickShell:
@@ -22,24 +17,9 @@ class QuickShell:
 
     def __init__(self, folder: Path, environment: dict[str, str]) -> None:
         self._folder = folder
-        self._place = TemporaryDirectory()
-        stand_in = Path(self._place.name, "volsplat")
-        path = f"{self._place.name}:{Path(sys.executable).parent}:{environment['PATH']}"
+        self._forker = Forker("all")
+        path = f"{self._forker.folder}:{Path(sys.executable).parent}:{environment['PATH']}"
         self._environment = {**environment, "PATH": path}
-        door = f"{self._place.name}/socket"
-        words = shlex.join([sys.executable, "-IS", str(STAND_IN), door])
-        stand_in.write_text(f'#!/bin/sh\nexec {words} "$@"\n', encoding="utf-8")
-        stand_in.chmod(0o700)
-        with socket.socket(socket.AF_UNIX) as listener:
-            listener.bind(door)
-            listener.listen()
-            self._forker = subprocess.Popen(
-                [sys.executable, "-m", "support.programs.command_forker", str(listener.fileno()), str(stand_in)],
-                cwd=ROOT / "tests",
-                stdin=subprocess.PIPE,
-                pass_fds=[listener.fileno()],
-                start_new_session=True,  # which ends the commands when this process says so, or ends
-            )
 
     def __enter__(self) -> Self:
         return self
@@ -47,14 +27,7 @@ class QuickShell:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        assert self._forker.stdin is not None
-        self._forker.stdin.close()
-        try:
-            self._forker.wait(PATIENCE)  # commands that are called off end their servers
-        finally:
-            self._forker.kill()
-            self._forker.wait()
-            self._place.cleanup()
+        self._forker.end()
 
     def runs(self, script: str, limit: float, folder: Path | None = None) -> "subprocess.CompletedProcess[str]":
         """A script, as bash runs it until a command fails. Raises subprocess.TimeoutExpired after so many seconds."""

@@ -14,5 +14,6 @@ with socket.socket(socket.AF_UNIX) as forker:
     data = json.dumps(request).encode()
     socket.send_fds(forker, [len(data).to_bytes(8, "big")], [0, 1, 2])
     forker.sendall(data)
-    status = forker.recv(8)  # once the program has ended
-sys.exit(int(status) if status else "what forks commands has ended")
+    said = forker.recv(16, socket.MSG_WAITALL)  # which process it is, and, once that has ended, by what
+status = int.from_bytes(said[8:], "big", signed=True)
+sys.exit("what forks commands has ended" if len(said) < 16 else status if status >= 0 else 128 - status)
