@@ -18,7 +18,8 @@ MOST_SERVERS = 256  # a mistyped number fills the machine with processes, which 
 
 @cache
 def this_machine() -> Machine:
-    host, system = socket.gethostname(), platform.platform(terse=True)
+    host, known = socket.gethostname(), os.uname()  # for which `platform` would start a program, in each server
+    system = f"{known.sysname}-{known.release}-{known.machine}"
     return Machine(host[:LONGEST_TEXT], system[:LONGEST_TEXT], _cpu_name()[:LONGEST_TEXT], usable_cores())
 
 
