@@ -2,7 +2,10 @@
 
 # Two parts at a time: what is loaded from the network beside what computes, mypy beside the tests.
 MAKEFLAGS += --jobs=2
-unexport MAKEFLAGS  # or ninja would compile on two cores of however many
+unexport MAKEFLAGS MFLAGS  # or ninja would compile on two cores of however many
+ifneq ($(filter clean,$(MAKECMDGOALS)),)
+.NOTPARALLEL:  # what is made anew comes after
+endif
 
 PYTHON ?= python3
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu

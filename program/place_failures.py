@@ -18,6 +18,15 @@ def place_failure(error: BaseException) -> VolsplatError | None:
         return VolsplatError(f"{error.filename or 'the output'} cannot be written: {reason}; write it elsewhere")
     if error.errno in _NO_WAY_IN and error.filename is not None:
         return BadInput(f"{error.filename}: cannot be reached ({reason}); check its name and its folder's permissions")
-    if error.errno == errno.ENOENT and error.filename is None:  # os.getcwd alone names no file
+    if isinstance(error, FileNotFoundError) and error.filename is None and not _is_somewhere():
         return BadInput("the current folder is there no more; change to another one, as by cd ~")
     return None
+
+
+def _is_somewhere() -> bool:
+    """Whether the current folder is there."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True

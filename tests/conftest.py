@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, settings
 from support.checkout import SHARED_DATA
 from support.pages.browser import chromium
 from support.processor_time import ProcessorTime
-from support.programs.forker import end_forkers
+from support.programs.forked_programs import end_forkers
 from support.programs.shared_fork_server import shared_fork_server
 from support.thoroughness import PROFILE, examples
 from volsplat.program.many_imports import many_imports

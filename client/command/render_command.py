@@ -97,7 +97,7 @@ def render(
         raise BadInput("--single has no servers to listen for; leave out --single or --listen")
     check_found(volume, spawns, cluster)
     scene_options.scene_of(None)
-    check_written_apart(volume, output, report, trace)
+    check_written_apart(volume, *outputs.files, trace)
     outputs.check()
     if figure is not None and output is not None:
         check_words(figure, output)

@@ -26,6 +26,11 @@ class Outputs:
     report: Path | None
     transparent: bool = False
 
+    @property
+    def files(self) -> list[Path]:
+        steps = [] if self.steps_dir is None else [step_image_path(self.steps_dir, step) for step in Step]
+        return [*(path for path in (self.image, self.report) if path is not None), *steps]
+
     def check(self) -> None:
         """Raise BadInput before any work if a file could not be written."""
         if self.image is None and self.steps_dir is None:

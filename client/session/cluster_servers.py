@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
@@ -32,6 +33,7 @@ class ClusterServers:
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
         """Brings the cluster up if it is not. `report` gets lines of progress. Raises BadInput."""
         self._running, self._report = RunningCluster(path), report
+        self._opened_by = OwnProcess()
         self.cluster = self._running.cluster
         self._missing_since: dict[str, float] = {}  # time.monotonic(); the watching thread's
         self._restarts = defaultdict[str, RestartLimit](RestartLimit)  # likewise
@@ -55,6 +57,8 @@ class ClusterServers:
             raise
 
     def _down(self) -> None:
+        if not self._opened_by.is_here:  # a process that was forked ends
+            return
         self._running.down(self._report)
         atexit.unregister(self._down)
 

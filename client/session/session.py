@@ -263,7 +263,7 @@ class Session:
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
         self._check_has_volume()
-        return self._images.refine(scene, first, last, interval, exact, thinning)
+        return self._opened_by.checked(self._images.refine(scene, first, last, interval, exact, thinning))
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.

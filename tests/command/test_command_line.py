@@ -417,6 +417,7 @@ def test_info_follows_links_out_of_the_folder_and_names_folders_above(person: Pe
         (["movie", "V", "-o", "film", "--trace", "V"], "V: this is the volume itself"),
         (["view", "V", "--no-browser", "--trace", "V"], "V: this is the volume itself"),
         (["render", "V", "-o", "a.png", "--report", "a.png"], "a.png: two things would be written"),
+        (["render", "V", "-o", "s/step-B.png", "--steps-dir", "s"], "s/step-B.png: two things would be written"),
         (["render", "V", "-o", "a.png", "--report", "t", "--trace", "../T"], "t: two things would be written"),
     ],
 )

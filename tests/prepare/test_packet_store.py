@@ -253,7 +253,8 @@ def read_whole(place: str) -> list[object]:
 
 def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(tmp_path: Path) -> None:
     """Nothing that was changed on the disk is ever drawn; a file with bytes that count is named."""
-    store_of(tmp_path, values_of("int16", (18, 9, 7)))
+    store = store_of(tmp_path, values_of("int16", (18, 9, 7)), Options(layout=Layout(8, 16, 4**3)))
+    assert len(store.levels) == 3
     copy = tmp_path / "volume.zarr"
     as_written, places = read_whole(str(copy)), np.random.default_rng(3)
     refused = 0

@@ -37,7 +37,13 @@ def test_a_current_folder_that_is_gone_is_named(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.parametrize(
-    "error", [ValueError("no"), OSError(errno.EACCES, "no address"), FileNotFoundError(errno.ENOENT, "none", "missing")]
+    "error",
+    [
+        ValueError("no"),
+        OSError(errno.EACCES, "no address"),
+        FileNotFoundError(errno.ENOENT, "none", "missing"),
+        FileNotFoundError(errno.ENOENT, "of a library that names no file"),
+    ],
 )
 def test_what_is_about_no_such_place_goes_on_as_it_is(error: Exception) -> None:
     assert place_failure(error) is None

@@ -269,24 +269,29 @@ def test_no_workers_are_bad_input(head: Path) -> None:
         Session(head, workers=0)
 
 
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")  # Python's, from 3.12 on
 @pytest.mark.parametrize("renderer", ["session", "single"])
 def test_a_forked_process_is_told_to_open_its_own_and_takes_nothing_from_its_parent(
     renderer: str, request: pytest.FixtureRequest
 ) -> None:
     opened: Session | SingleProcess = request.getfixturevalue(renderer)
     whole = opened.render(skin(opened))
+    steps = opened.refine(skin(opened), partial_interval=PATIENCE)
+    next(steps)
 
     def use_it(told: Connection) -> None:
-        try:
-            opened.render(skin(opened))
-        except BadInput as error:
-            told.send(str(error))
+        for used in (lambda: next(steps), lambda: opened.render(skin(opened))):
+            try:
+                used()
+            except BadInput as error:
+                told.send(str(error))
         opened.close()
 
     told, tells = Pipe()
     forked = get_context("fork").Process(target=use_it, args=(tells,), daemon=True)
     forked.start()
-    assert told.poll(PATIENCE) and "open it anew in each process" in told.recv()
+    for _ in range(2):
+        assert told.poll(PATIENCE) and "open it anew in each process" in told.recv()
     forked.join(PATIENCE)
     assert forked.exitcode == 0
     assert torch.equal(opened.render(skin(opened)), whole)

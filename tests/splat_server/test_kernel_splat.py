@@ -248,6 +248,17 @@ def test_the_paths_agree(table_name: str, order: Order) -> None:
     assert all((image - images[0]).abs().max() <= BETWEEN_CPU_PATHS for image in images)
 
 
+@pytest.mark.parametrize("table", [*TABLES.values(), (33.3, 40.7, 1.0, 1)])
+def test_footprint_tables_have_the_same_bits_on_all_paths(table: tuple[float, float, float, int]) -> None:
+    tables = []
+    for path in PATHS:
+        with kernels_on(_kernels, path):
+            made = table_of(*table)
+            offsets = range(1 << made.offset_bits)
+            tables.append([made.weights_at(fx, fy) for fx in offsets for fy in offsets])
+    assert all(table == tables[0] for table in tables)
+
+
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("threads", [2, 3])
 @pytest.mark.parametrize(("width", "height"), [(40, 33), (61, 7), (23, 64)])

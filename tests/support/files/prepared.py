@@ -12,7 +12,7 @@ import torch
 from support.files import slow_preparing
 from support.files.slow_preparing import LITTLE, SMALL
 from support.patience import PATIENCE
-from support.programs.forker import Begun
+from support.programs.forked_programs import Begun
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.held.packet_store import Packets, PacketStore, open_store
 from volsplat.mapshade_server.held.sub_cube import SubCube
@@ -71,8 +71,8 @@ def prepare_small(volume: Path, out: Path, options: Options | None = None, told:
     return prepare(str(volume), out, options or Options(layout=SMALL), told or Told())
 
 
-def store_of(folder: Path, values: Voxels) -> PacketStore:
-    prepare_small(written(folder / "volume.nrrd", values), folder / "volume.zarr")
+def store_of(folder: Path, values: Voxels, options: Options | None = None) -> PacketStore:
+    prepare_small(written(folder / "volume.nrrd", values), folder / "volume.zarr", options)
     return open_store(str(folder / "volume.zarr"))
 
 

@@ -141,9 +141,11 @@ def no_failures(page: Page) -> Iterator[None]:
 
     page.on("pageerror", note_failure)
     page.on("console", note_breach)
-    yield
-    page.remove_listener("pageerror", note_failure)
-    page.remove_listener("console", note_breach)
+    try:
+        yield
+    finally:
+        page.remove_listener("pageerror", note_failure)
+        page.remove_listener("console", note_breach)
     assert not failures, "a script of the page failed:\n" + "\n".join(failures)
 
 
@@ -214,17 +216,24 @@ def kept_as_loaded(context: BrowserContext, url: str, test: str, load: Callable[
 
 
 def _is_as_loaded(page: Page, test: str) -> bool:
-    from playwright.sync_api import TimeoutError
+    """Whether it looks so once the hand has let go of it. One that crashed, or is on its way elsewhere, does not."""
+    from playwright.sync_api import Error
 
-    page.context.clear_permissions()
-    page.mouse.move(*_NOWHERE)
-    page.evaluate("() => document.activeElement?.blur()")
-    if not page.evaluate("(test) => 'asLoaded' in window && window.keptFor !== test", test):
-        return False
-    with suppress(TimeoutError):
-        page.wait_for_function(f"() => window.asLoaded === ({_LOOK})()", timeout=_GONE, polling=100)
-        return True
+    with suppress(Error):
+        page.context.clear_permissions()
+        _let_go(page)
+        page.evaluate("() => document.activeElement?.blur()")
+        if page.evaluate("(test) => 'asLoaded' in window && window.keptFor !== test", test):
+            page.wait_for_function(f"() => window.asLoaded === ({_LOOK})()", timeout=_GONE, polling=100)
+            return True
     return False
+
+
+def _let_go(page: Page) -> None:
+    page.mouse.up()
+    page.mouse.move(*_NOWHERE)
+    for key in _HELD_KEYS:
+        page.keyboard.up(key)
 
 
 def _origins(context: BrowserContext) -> set[str]:
@@ -266,9 +275,7 @@ def _empty(page: Page) -> None:
     except Error:  # it is just loading another page
         close_tab(page)
         return
-    page.mouse.move(*_NOWHERE)
-    for key in _HELD_KEYS:
-        page.keyboard.up(key)
+    _let_go(page)
     page.set_viewport_size(_WINDOW)
 
 

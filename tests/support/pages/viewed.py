@@ -24,7 +24,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from support.pages import patient_http
 from support.patience import PATIENCE
-from support.programs.forker import Begun
+from support.programs.forked_programs import Begun
 from support.programs.programs import Person
 from support.programs.server_processes import is_server
 from volsplat.client.phantoms import make_phantom

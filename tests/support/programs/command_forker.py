@@ -21,7 +21,7 @@ from selectors import EVENT_READ, DefaultSelector
 from typing import Any, NoReturn
 
 from support.patience import PATIENCE
-from support.programs.marks import mark
+from support.programs.process_marks import mark
 
 STARTED_WITH = frozenset(os.environ)  # as OpenImageIO finds its fonts by a variable that it sets
 
@@ -92,12 +92,17 @@ class _Forker:
                     self._selector.unregister(key.fileobj)
 
     def _fork(self, asker: socket.socket) -> None:
-        request, streams = _request(asker)
+        try:
+            request, streams = _request(asker)
+        except (OSError, ValueError):  # who asked was ended meanwhile
+            asker.close()
+            return
         identity = os.fork()
         if identity == 0:
             for number, stream in enumerate(streams):
                 os.dup2(stream, number)
                 os.close(stream)
+            self._let_go(asker)
             _become(**request)
         for stream in streams:
             os.close(stream)
@@ -106,6 +111,12 @@ class _Forker:
         _tell(asker, identity)
         self._selector.register(forked.ended, EVENT_READ, forked)
         self._selector.register(asker, EVENT_READ, forked)
+
+    def _let_go(self, asker: socket.socket) -> None:
+        """Close what is the forker's: others see by it when that ends."""
+        self._listener.close()
+        for held in (asker, *(forked.asker for forked in self._running)):
+            held.close()
 
     def _end(self, forked: _Forked) -> None:
         self._running.remove(forked)

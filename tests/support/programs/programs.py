@@ -12,8 +12,8 @@ from tempfile import TemporaryFile
 import psutil
 
 from support.patience import PATIENCE
-from support.programs.forker import Begun, forker
-from support.programs.marks import is_marked
+from support.programs.forked_programs import Begun, forker
+from support.programs.process_marks import is_marked
 from support.programs.server_processes import is_server
 
 VOLSPLAT = Path(sys.executable).parent / "volsplat"

@@ -9,7 +9,7 @@ from tempfile import TemporaryFile
 from types import TracebackType
 from typing import Self
 
-from support.programs.forker import Forker
+from support.programs.forked_programs import Forker
 
 
 class QuickShell:

@@ -1,4 +1,4 @@
-"""What forks programs of volsplat (command_forker.py), for whoever asks it."""
+"""Programs of volsplat, forked from a process that has loaded them (command_forker.py), as whoever asks sees them."""
 
 import json
 import os
