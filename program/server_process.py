@@ -13,7 +13,7 @@ import click
 
 from volsplat.program.clients import Clients, Life
 from volsplat.program.counts import Counts
-from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, status_of
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
@@ -177,15 +177,13 @@ def run_server(module: str, name: str, title: str, given: object = None) -> NoRe
         command.main(prog_name=command.name, standalone_mode=False, obj=given)
     except click.ClickException as error:
         _end(title, error.format_message(), EXIT_BAD_INPUT)
-    except BadInput as error:
-        _end(title, str(error), EXIT_BAD_INPUT)
     except VolsplatError as error:
-        _end(title, str(error), EXIT_FAILED)
+        _end(title, str(error), status_of(error))
     except (KeyboardInterrupt, click.Abort):
         _end(title, "interrupted", EXIT_INTERRUPTED)
     except Exception as error:
         if (told := place_failure(error)) is not None:
-            _end(title, str(told), EXIT_BAD_INPUT if isinstance(told, BadInput) else EXIT_FAILED)
+            _end(title, str(told), status_of(told))
         if (line := load_failure(error)) is None:
             raise
         _end(title, line, EXIT_BAD_INPUT)

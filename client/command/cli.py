@@ -11,7 +11,7 @@ from contextlib import suppress
 from io import TextIOWrapper
 from typing import NoReturn
 
-from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED, status_of
 
 COMPLETION = "_VOLSPLAT_COMPLETE"  # set by the shell that asks what a word may become
 
@@ -31,7 +31,7 @@ def _status() -> int:
     from volsplat.deploy.forked_servers import begin_ahead
     from volsplat.program.load_failures import load_failure
     from volsplat.program.place_failures import place_failure
-    from volsplat.protocol.text.errors import BadInput, VolsplatError
+    from volsplat.protocol.text.errors import VolsplatError
 
     if isinstance(sys.stdout, TextIOWrapper):  # a terminal that is not UTF-8 shows what it lacks as an escape
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -49,10 +49,8 @@ def _status() -> int:
         context = getattr(error, "ctx", None)
         hint = f"; see {context.command_path} --help" if context is not None else ""
         return _told(error.format_message().rstrip(".") + hint, EXIT_BAD_INPUT)
-    except BadInput as error:
-        return _told(str(error), EXIT_BAD_INPUT)
     except VolsplatError as error:
-        return _told(str(error), EXIT_FAILED)
+        return _told(str(error), status_of(error))
     except MemoryError:
         return _told(
             "not enough memory on this machine; choose a smaller --size, or more servers elsewhere", EXIT_FAILED
@@ -63,7 +61,7 @@ def _status() -> int:
         return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else 0
     except Exception as error:
         if (told := place_failure(error)) is not None:
-            return _told(str(told), EXIT_BAD_INPUT if isinstance(told, BadInput) else EXIT_FAILED)
+            return _told(str(told), status_of(told))
         if (line := load_failure(error)) is None:
             raise
         return _told(line, EXIT_BAD_INPUT)
