@@ -168,8 +168,7 @@ class KeptPage:
         for other in self._context.pages:
             if other is not page:
                 close_tab(other)
-        page.evaluate("() => document.activeElement?.blur()")
-        page.mouse.move(*_NOWHERE)
+        _let_go(page)
         return page, kept is None
 
 
@@ -203,8 +202,7 @@ def kept_as_loaded(context: BrowserContext, url: str, test: str, load: Callable[
     To load it is most of what a short test of it costs. It is loaded anew if the last test left it otherwise, and for a
     test that is tried again.
     """
-    for other in context.pages[1:]:
-        close_tab(other)
+    _close_others(context)
     if not (_origin(_tab(context).url) == _origin(url) and _is_as_loaded(_tab(context), test)):
         _forget(context, _origins(context))
         load(_tab(context))
@@ -222,7 +220,6 @@ def _is_as_loaded(page: Page, test: str) -> bool:
     with suppress(Error):
         page.context.clear_permissions()
         _let_go(page)
-        page.evaluate("() => document.activeElement?.blur()")
         if page.evaluate("(test) => 'asLoaded' in window && window.keptFor !== test", test):
             page.wait_for_function(f"() => window.asLoaded === ({_LOOK})()", timeout=_GONE, polling=100)
             return True
@@ -230,6 +227,8 @@ def _is_as_loaded(page: Page, test: str) -> bool:
 
 
 def _let_go(page: Page) -> None:
+    """Nothing has the focus, no key or button is held, and the pointer is beside the page."""
+    page.evaluate("() => document.activeElement?.blur()")
     page.mouse.up()
     page.mouse.move(*_NOWHERE)
     for key in _HELD_KEYS:
@@ -250,10 +249,15 @@ def _tab(context: BrowserContext) -> Page:
     return context.pages[0] if context.pages else context.new_page()
 
 
-def _forget(context: BrowserContext, origins: Iterable[str]) -> None:
-    """Have it as it was when it began, with one tab, which is empty."""
+def _close_others(context: BrowserContext) -> None:
+    """All tabs but the first."""
     for page in context.pages[1:]:
         close_tab(page)
+
+
+def _forget(context: BrowserContext, origins: Iterable[str]) -> None:
+    """Have it as it was when it began, with one tab, which is empty."""
+    _close_others(context)
     _empty(_tab(context))
     storage = context.new_cdp_session(_tab(context))
     for origin in origins:
