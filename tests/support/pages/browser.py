@@ -56,6 +56,7 @@ class Chromium:
         self._kinds = kinds
         self._loop = asyncio.get_running_loop()
         self._launched: Browser | None = None
+        self._lasting: dict[str, BrowserContext] = {}
         self.hide()
 
     @contextmanager
@@ -64,9 +65,16 @@ class Chromium:
         try:
             if self._launched is None or not self._launched.is_connected():
                 self._launched = self._kinds.launch(executable_path=self._executable, args=_ARGUMENTS)
+                self._lasting.clear()
             yield self._launched
         finally:
             self.hide()
+
+    def lasting_context(self, lent: Browser, url: str) -> BrowserContext:
+        """One for tests of several modules, for as long as the browser lasts that was lent them."""
+        if url not in self._lasting:
+            self._lasting[url] = _patient(lent, viewport=_WINDOW)
+        return self._lasting[url]
 
     def close(self) -> None:
         self.show()
@@ -196,14 +204,20 @@ _LOOK = """() => {
 
 
 @contextmanager
-def kept_as_loaded(context: BrowserContext, url: str, test: str, load: Callable[[Page], object]) -> Iterator[Page]:
+def kept_as_loaded(
+    context: BrowserContext,
+    url: str,
+    test: str,
+    load: Callable[[Page], object],
+    put_back: Callable[[Page], object] = lambda _: None,
+) -> Iterator[Page]:
     """A context's only tab with what is at the address, kept from test to test while it looks as just loaded.
 
-    To load it is most of what a short test of it costs. It is loaded anew if the last test left it otherwise, and for a
-    test that is tried again.
+    To load it is most of what a short test of it costs. It is loaded anew if the last test left it otherwise, though
+    what it changed in the process was put back, and for a test that is tried again.
     """
     _close_others(context)
-    if not (_origin(_tab(context).url) == _origin(url) and _is_as_loaded(_tab(context), test)):
+    if not (_origin(_tab(context).url) == _origin(url) and _is_as_loaded(_tab(context), test, put_back)):
         _forget(context, _origins(context))
         load(_tab(context))
         _tab(context).evaluate(f"() => {{ window.asLoaded = ({_LOOK})(); }}")
@@ -213,7 +227,7 @@ def kept_as_loaded(context: BrowserContext, url: str, test: str, load: Callable[
         yield page
 
 
-def _is_as_loaded(page: Page, test: str) -> bool:
+def _is_as_loaded(page: Page, test: str, put_back: Callable[[Page], object]) -> bool:
     """Whether it looks so once the hand has let go of it. One that crashed, or is on its way elsewhere, does not."""
     from playwright.sync_api import Error
 
@@ -221,6 +235,7 @@ def _is_as_loaded(page: Page, test: str) -> bool:
         page.context.clear_permissions()
         _let_go(page)
         if page.evaluate("(test) => 'asLoaded' in window && window.keptFor !== test", test):
+            put_back(page)
             page.wait_for_function(f"() => window.asLoaded === ({_LOOK})()", timeout=_GONE, polling=100)
             return True
     return False
@@ -296,13 +311,16 @@ def close_tab(page: Page) -> None:
 
 @contextmanager
 def patient_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
-    """Tabs as of a browser started anew, which wait as tests do, and move nothing by themselves unless asked to.
-
-    Each frame of an animation takes as much as a test's click.
-    """
-    with browser.new_context(**{"reduced_motion": "reduce"} | options) as context:
-        context.set_default_timeout(1000 * PATIENCE)
+    """Tabs as of a browser started anew, which wait as tests do, and move nothing by themselves unless asked to."""
+    with _patient(browser, **options) as context:
         yield context
+
+
+def _patient(browser: Browser, **options: Any) -> BrowserContext:
+    """Each frame of an animation takes as much as a test's click."""
+    context = browser.new_context(**{"reduced_motion": "reduce"} | options)
+    context.set_default_timeout(1000 * PATIENCE)
+    return context
 
 
 @contextmanager

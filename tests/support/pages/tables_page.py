@@ -2,8 +2,9 @@
 
     python -m support.pages.tables_page
 
-It prints its address. `/` holds the panel, `/state` tells the session's scene as JSON and whether it is settled, and
-`/reset` begins a session anew.
+It prints its address. `/anew` begins a session and holds its panel, and a button that begins another in the same page,
+beside which it is told how many there were; `/` holds the panel of the newest, whose scene `/state` tells as JSON, and
+whether it is settled.
 """
 
 from __future__ import annotations
@@ -65,27 +66,41 @@ class State(msgspec.Struct):
 
 
 def application() -> FastAPI:
-    models = [SceneModel(SCENE)]
+    models: list[SceneModel] = []
 
     async def state() -> Response:
         now = models[-1].now
         return Response(msgspec.json.encode(State(now.scene, now.settled)))
 
-    async def reset() -> Response:
-        models.append(SceneModel(SCENE))
-        return Response()
+    def panel() -> None:
+        TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.subject()))
 
     def page() -> None:
         for style in ("theme.css", "page.css"):
             ui.add_head_html(f'<link rel="stylesheet" href="/volsplat/static/{style}">')
-        with ui.element("main").classes("vs-page"), ui.element("aside").classes("vs-right"):
-            TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.subject()))
+        with ui.element("main").classes("vs-page"), ui.element("aside").classes("vs-right") as place:
+            panel()
+
+        def begin_anew() -> None:
+            models.append(SceneModel(SCENE))
+            place.clear()  # what the old panel still has to say is for nobody
+            with place:
+                panel()
+            begun.set_text(str(len(models)))
+
+        with ui.element("footer").classes("vs-foot").style("position: fixed; left: 0; bottom: 0"):
+            ui.button("begin anew", on_click=begin_anew)
+            begun = ui.label(str(len(models))).props('data-begun=""')
+
+    def anew() -> None:
+        models.append(SceneModel(SCENE))
+        page()
 
     served = FastAPI()
     served.mount("/volsplat/static", StaticFiles(directory=STATIC))
     served.add_api_route("/state", state)
-    served.add_api_route("/reset", reset, methods=["POST"])
     ui.page("/")(page)
+    ui.page("/anew")(anew)
     ui.run_with(served, dark=None, tailwind=False, show_welcome_message=False)
     return served
 

@@ -1,6 +1,7 @@
 """A person's hands on the tables' panel: where things lie in the window, and the scene behind it.
 
-A test module imports the fixtures `url` and `tab` besides those of `browser`, and names them in `__all__` likewise.
+tests/ui/tables/conftest.py has the fixtures: one program for all modules, and one tab that is loaded anew only where a
+test has left it otherwise.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import FloatRect, Locator, Page
 
 PROGRAM = "support.pages.tables_page"
+BUILT = '[aria-label="Modulation"] circle[role=slider]'
 TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
 
 
@@ -33,9 +36,12 @@ class Tab:
     def __init__(self, page: Page, url: str) -> None:
         self.page = page
         self.url = url
-        page.goto(url)
-        page.wait_for_selector('[aria-label="Modulation"] circle[role=slider]')
-        page.wait_for_function("() => window.did_handshake")  # until then it keeps what it has to say
+
+    def load(self, path: str = "/") -> Tab:
+        self.page.goto(f"{self.url}{path}")
+        self.page.wait_for_selector(BUILT)
+        self.page.wait_for_function("() => window.did_handshake")  # until then it keeps what it has to say
+        return self
 
     @property
     def state(self) -> State:
@@ -139,16 +145,19 @@ def near(value: float) -> object:
     return pytest.approx(value, abs=ONE_PIXEL_OF_A_TABLE)
 
 
-@pytest.fixture(scope="module")
-def url() -> Iterator[str]:
+def begin_anew(page: Page) -> None:
+    """Have another session begin in the same page."""
+    begun = page.locator("[data-begun]").inner_text()
+    page.locator(".vs-foot button").dispatch_event("click")
+    page.locator(f'[data-begun]:not(:text-is("{begun}"))').wait_for()
+    page.wait_for_selector(BUILT)
+
+
+@contextmanager
+def tables_program() -> Iterator[str]:
+    """Its address."""
     command = [sys.executable, "-m", PROGRAM]
     with subprocess.Popen(command, cwd=ROOT / "tests", stdout=subprocess.PIPE, encoding="utf-8") as program:
         assert program.stdout is not None
         yield program.stdout.readline().strip()
         program.terminate()
-
-
-@pytest.fixture
-def tab(browser_page: Page, url: str) -> Tab:
-    assert browser_page.request.post(f"{url}/reset").ok
-    return Tab(browser_page, url)

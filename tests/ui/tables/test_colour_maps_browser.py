@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from support.pages.browser import browser, browser_page
 from support.pages.tables_page import SCENE
-from support.pages.tables_tab import Tab, box, tab, until, url
+from support.pages.tables_tab import Tab, box, until
 from tolerances import ONE_LEVEL
 from volsplat.client.scene.colour_maps import COLLECTIONS, colormap, colormap_names, lit_and_glowing
 from volsplat.client.ui.tables import colour_map_menu
@@ -20,8 +19,6 @@ from volsplat.protocol.description.scene import ColourTable
 
 if TYPE_CHECKING:
     from playwright.sync_api import FloatRect, Locator
-
-__all__ = ["browser", "browser_page", "tab", "url"]
 
 
 def test_a_colour_map_is_found_by_keys_alone_and_undone(tab: Tab) -> None:

@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from support.pages.browser import browser, browser_page
 from support.pages.tables_page import SCENE, WINDOW
-from support.pages.tables_tab import TITLES, Tab, box, tab, until, url
+from support.pages.tables_tab import TITLES, Tab, box, until
 from volsplat.client.ui.tables.table_edits import shifted
 from volsplat.protocol.description.scene import Scene, Tables
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator
-
-__all__ = ["browser", "browser_page", "tab", "url"]
 
 THUMB = 14  # pixels
 ONE_PIXEL = 0.01  # of the axis

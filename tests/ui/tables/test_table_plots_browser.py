@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
 from PIL import Image
 
-from support.pages.browser import browser, browser_page
 from support.pages.tables_page import SCENE, WINDOW
-from support.pages.tables_tab import Tab, box, near, tab, until, url
+from support.pages.tables_tab import Tab, box, near, until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator
-
-__all__ = ["browser", "browser_page", "tab", "url"]
 
 SOFT_TISSUE = (48 - WINDOW[0]) / (WINDOW[1] - WINDOW[0])  # the table position of a peak of the histogram
 BULK = 1000  # voxels, in most bars
@@ -98,11 +96,14 @@ def ends(tab: Tab, which: str) -> list[str]:
 
 
 @pytest.fixture
-def short(tab: Tab) -> Tab:
+def short(tab: Tab) -> Iterator[Tab]:
     """The panel as high as an open panel of servers leaves it in a window of 1280x800."""
+    window = tab.page.viewport_size
+    assert window is not None
     tab.page.set_viewport_size({"width": 1280, "height": 566})
     until(tab.page, lambda: bottom(tab.table("modu").locator('[data-part="axis"]')) <= 566)
-    return tab
+    yield tab
+    tab.page.set_viewport_size(window)
 
 
 def bottom(locator: Locator) -> float:

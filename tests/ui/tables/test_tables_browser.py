@@ -5,9 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from support.pages.browser import browser, browser_page
 from support.pages.tables_page import SCENE, VOLUME, WINDOW
-from support.pages.tables_tab import TITLES, Tab, box, near, tab, until, url
+from support.pages.tables_tab import TITLES, Tab, box, near, until
 from tolerances import ONE_PIXEL_OF_A_TABLE, ROUNDING
 from volsplat.client.volume.field_axis import field_axis
 from volsplat.protocol.description.scene import Field
@@ -23,8 +22,6 @@ COUNTING = """
   const frame = () => { window.frames += 1; requestAnimationFrame(frame); };
   requestAnimationFrame(frame);
 """
-
-__all__ = ["browser", "browser_page", "tab", "url"]
 
 
 # -- points
@@ -66,7 +63,8 @@ def test_escape_takes_a_drag_back(tab: Tab) -> None:
     assert tab.scene == SCENE
 
 
-def test_a_drag_is_told_at_most_once_a_frame(tab: Tab) -> None:
+def test_a_drag_is_told_at_most_once_a_frame(fresh_tab: Tab) -> None:
+    tab = fresh_tab
     tab.page.evaluate(COUNTING)
     tab.drag(tab.place("opac", 0.4, 0.5), *[tab.place("opac", 0.3 + n / 40, 0.1 + n / 20) for n in range(16)])
     told, frames = tab.page.evaluate("[window.told, window.frames]")
@@ -244,7 +242,7 @@ def test_bad_numbers_are_told_at_the_field_and_change_nothing(tab: Tab) -> None:
 
 
 def test_two_tabs_stay_in_step_and_a_drag_is_not_disturbed(tab: Tab) -> None:
-    other = Tab(tab.page.context.new_page(), tab.url)
+    other = Tab(tab.page.context.new_page(), tab.url).load()
     tab.page.mouse.move(*tab.place("opac", 0.4, 0.5))
     tab.page.mouse.down()
     tab.page.mouse.move(*tab.place("opac", 0.6, 0.9), steps=5)

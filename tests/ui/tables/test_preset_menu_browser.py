@@ -6,12 +6,9 @@ import io
 
 from PIL import Image
 
-from support.pages.browser import browser, browser_page
 from support.pages.tables_page import SCENE, VOLUME
-from support.pages.tables_tab import Tab, tab, until, url
+from support.pages.tables_tab import Tab, until
 from volsplat.client.scene.presets import PRESETS, fits
-
-__all__ = ["browser", "browser_page", "tab", "url"]
 
 Colour = tuple[int, int, int]
 
@@ -56,7 +53,7 @@ def test_each_preset_shows_its_colours_where_they_are_opaque(tab: Tab) -> None:
 def open_menu(tab: Tab) -> None:
     tab.page.get_by_text("Presets", exact=True).click()
     tab.page.locator(".vs-preset").last.wait_for()
-    tab.page.wait_for_function("() => document.querySelector('.q-menu').contains(document.activeElement)")
+    tab.page.wait_for_function("() => document.querySelector('.q-menu')?.contains(document.activeElement)")
 
 
 def choose(tab: Tab, name: str) -> None:
