@@ -1,4 +1,8 @@
-"""Plays the client's process for a viewport under test: a real WebSocket server that sends pictures and hears all."""
+"""Plays the client's process for a viewport under test: a real WebSocket server that sends pictures and hears all.
+
+A test module imports the fixtures `shown` and `viewport_server` besides those of `browser`, and names them in `__all__`
+likewise.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,11 @@ import asyncio
 import io
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
+import pytest
 from PIL import Image
 from playwright.sync_api import Locator, Page
 from starlette.applications import Starlette
@@ -19,6 +24,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from support.pages.browser import serving
 from support.patience import PATIENCE
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.viewport.viewport_messages import PictureHeader, ProcessMessage
@@ -77,6 +83,14 @@ class ViewportProcess:
                 Mount("/static", StaticFiles(directory=STATIC)),
             ]
         )
+
+    def begin_anew(self) -> None:
+        """As if just made: what was said, and who said it, is forgotten."""
+        with self._changed:
+            self.heard.clear()
+            self.refuses = False
+            self._socket = None
+            self._number = 0
 
     def heard_of(self, kind: str) -> list[Message]:
         with self._changed:
@@ -184,8 +198,9 @@ class ViewportProcess:
             while True:
                 message = json.loads(await socket.receive_text())
                 with self._changed:
-                    self.heard.append(message)
-                    self._changed.notify_all()
+                    if socket is self._socket:  # and not of a page that is gone
+                        self.heard.append(message)
+                        self._changed.notify_all()
         except WebSocketDisconnect:
             return
 
@@ -199,6 +214,21 @@ def plain(colour: Colour, size: tuple[int, int] = SIZE) -> bytes:
     out = io.BytesIO()
     Image.new("RGB", size, colour).save(out, "PNG")
     return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def viewport_server() -> Iterator[tuple[ViewportProcess, str]]:
+    """A process and its address: one for all tests of a module, so that the browser keeps the scripts from there."""
+    process = ViewportProcess()
+    with serving(process.application) as url:
+        yield process, url
+
+
+@pytest.fixture
+def shown(browser_page: Page, viewport_server: tuple[ViewportProcess, str]) -> ShownViewport:
+    process, url = viewport_server
+    process.begin_anew()
+    return ShownViewport(browser_page, process, url)
 
 
 class ShownViewport:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -11,24 +10,27 @@ from playwright.sync_api import Browser, Page
 
 from support.pages.browser import browser, browser_page, patient_context, serving
 from support.pages.fingers import fingers_on, pinch
-from support.pages.viewport_process import FIT, SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess
+from support.pages.viewport_process import (
+    FIT,
+    SIZE,
+    VIEW,
+    VOLUME,
+    Message,
+    ShownViewport,
+    ViewportProcess,
+    shown,
+    viewport_server,
+)
 from tolerances import CAMERA_PIXELS, ROUNDING
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 
-__all__ = ["browser", "browser_page"]
+__all__ = ["browser", "browser_page", "shown", "viewport_server"]
 
 MIDDLE = ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
 PIXELS_PER_VOXEL = VIEW["zoom"] / VOLUME["reference_spacing"]  # along i, seen from the front
 TURN = math.radians(5)  # of an arrow key
-
-
-@pytest.fixture
-def shown(browser_page: Page) -> Iterator[ShownViewport]:
-    process = ViewportProcess()
-    with serving(process.application) as url:
-        yield ShownViewport(browser_page, process, url)
 
 
 def drag(page: Page, start: tuple[float, float], end: tuple[float, float], button: Any = "left") -> None:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from support.pages.browser import browser, browser_page, patient_context, serving
-from support.pages.viewport_process import SIZE, VIEW, VOLUME, ShownViewport, ViewportProcess, plain
+from support.pages.viewport_process import (
+    SIZE,
+    VIEW,
+    VOLUME,
+    ShownViewport,
+    ViewportProcess,
+    plain,
+    shown,
+    viewport_server,
+)
 from tolerances import CAMERA_PIXELS, HALF_A_CSS_PIXEL
 from volsplat.protocol.description.view_rotation import (
     VIEW_NAMES,
@@ -21,19 +29,12 @@ from volsplat.protocol.description.view_rotation import (
     rotation_from_angles,
 )
 
-__all__ = ["browser", "browser_page"]
+__all__ = ["browser", "browser_page", "shown", "viewport_server"]
 
 RED, GREEN = (200, 0, 0), (0, 200, 0)
 PIXELS_PER_VOXEL = VIEW["zoom"] / VOLUME["reference_spacing"]
 OBLIQUE = {**VIEW, "rotation": rotation_from_angles(-30, 25)}
 MIDDLE = ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
-
-
-@pytest.fixture
-def shown(browser_page: Page) -> Iterator[ShownViewport]:
-    process = ViewportProcess()
-    with serving(process.application) as url:
-        yield ShownViewport(browser_page, process, url)
 
 
 # -- pictures
