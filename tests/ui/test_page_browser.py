@@ -171,7 +171,7 @@ def test_two_tabs_stay_in_step(view: Viewed, page: Page) -> None:
     number = other.evaluate("() => window.volsplatViewport.log.at(-1).number")
     after(page, lambda: drag(page, 60, 60))
     other.wait_for_function(
-        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.number > {number}; }}"
+        f"() => {{ const p = window.volsplatViewport?.log.at(-1); return p?.last && p.number > {number}; }}"
     )
     assert torch.equal(canvas(other), canvas(page))
 

@@ -85,7 +85,7 @@ def _next_last(page: Page, action: Callable[[], object], rising: str) -> torch.T
     before = page.evaluate(f"() => window.volsplatViewport.log.at(-1).{rising}")
     action()
     page.wait_for_function(
-        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.{rising} > {before}; }}"
+        f"() => {{ const p = window.volsplatViewport?.log.at(-1); return p?.last && p.{rising} > {before}; }}"
     )
     return canvas(page)
 
