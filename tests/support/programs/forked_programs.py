@@ -7,8 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -47,6 +47,15 @@ class Forker:
     @property
     def gone(self) -> bool:
         return self._process.poll() is not None
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Nothing is forked meanwhile, though it is asked for."""
+        self._process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._process.send_signal(signal.SIGCONT)
 
     def end(self) -> None:
         """And with it the commands."""

@@ -16,6 +16,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened
 from support.pages.viewed import Viewed, viewed
 from support.patience import wait_until
+from support.programs.forked_programs import forker
 from support.programs.server_processes import words_of
 from volsplat.bench.page_drag import REFINED
 from volsplat.client.phantoms import make_phantom
@@ -135,48 +136,48 @@ def test_while_one_is_opened_all_tabs_say_so_the_old_one_turns_and_any_tab_gives
     for tab in (page, other):
         tab.keyboard.press("o")
         expect(entry(tab, "molecules")).to_be_visible()
-    entry(page, "molecules").click()
-    entry(page, "protein.nrrd").click()
-    new = held(view, servers)
-    for tab in (page, other):
-        expect(dialog(tab).get_by_role("status")).to_contain_text("opening molecules/protein.nrrd")
-    expect(entry(other, "head.nrrd")).to_be_disabled()
-    page.keyboard.press("Escape")
-    expect(dialog(page)).to_be_hidden()
-    before = canvas(page)
-    assert not torch.equal(after(page, lambda: drag(page, 60, 20)), before)
-    dialog(other).get_by_role("button", name="cancel").click()
-    expect(entry(other, "head.nrrd")).to_be_enabled()
-    page.keyboard.press("o")
-    expect(dialog(page).get_by_role("alert")).to_be_hidden()
-    wait_until(lambda: not any(server.is_running() for server in new), "the new servers end")
+    with forker().held():
+        entry(page, "molecules").click()
+        entry(page, "protein.nrrd").click()
+        new = started(view, servers)
+        for tab in (page, other):
+            expect(dialog(tab).get_by_role("status")).to_contain_text("opening molecules/protein.nrrd")
+        expect(entry(other, "head.nrrd")).to_be_disabled()
+        page.keyboard.press("Escape")
+        expect(dialog(page)).to_be_hidden()
+        before = canvas(page)
+        assert not torch.equal(after(page, lambda: drag(page, 60, 20)), before)
+        dialog(other).get_by_role("button", name="cancel").click()
+        expect(entry(other, "head.nrrd")).to_be_enabled()
+        page.keyboard.press("o")
+        expect(dialog(page).get_by_role("alert")).to_be_hidden()
+        wait_until(lambda: not any(server.is_running() for server in new), "the new servers end")
     assert page.title() == other.title() == "head.nrrd – volsplat"
 
 
 def test_servers_that_are_lost_while_one_is_opened_are_replaced(view: Viewed, page: Page) -> None:
     servers = running(view)
     page.keyboard.press("o")
-    entry(page, "molecules").click()
-    entry(page, "protein.nrrd").click()
-    for server in held(view, servers):
-        server.kill()
+    with forker().held():
+        entry(page, "molecules").click()
+        entry(page, "protein.nrrd").click()
+        for server in started(view, servers):
+            server.kill()
     shows(page, "protein.nrrd")
     with view.viewport("away&volume=1") as of_before, pytest.raises(ConnectionClosed) as closed:
         of_before.hears()
     assert closed.value.rcvd is not None and closed.value.rcvd.code == OTHER_VOLUME, "a tab that missed it is told"
 
 
-def held(view: Viewed, before: set[int]) -> list[psutil.Process]:
-    """What new servers are forked from, stopped before there are any."""
+def started(view: Viewed, before: set[int]) -> list[psutil.Process]:
+    """What new servers are to be forked from."""
 
     def new() -> list[psutil.Process]:
         below = psutil.Process(view.process.pid).children()
         return [one for one in below if one.pid not in before and FORK_SERVER in words_of(one)]
 
     wait_until(lambda: bool(new()), "new servers start")
-    for one in (found := new()):
-        one.suspend()
-    return found
+    return new()
 
 
 def running(view: Viewed) -> set[int]:
