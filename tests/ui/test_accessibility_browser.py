@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from support.pages.browser import browser
 from support.pages.page_tab import page
-from support.pages.viewed import phantom, view, volume
 from volsplat.client.ui.panels.skip_links import PARTS
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "page", "phantom", "view", "volume"]
+__all__ = ["browser", "page"]
 
 MOST_TABS = 10
 TO_THE_BEGINNING = """() => {

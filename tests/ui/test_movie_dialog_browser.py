@@ -15,12 +15,12 @@ import torch
 
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened
-from support.pages.viewed import Viewed, phantom, view, volume
+from support.pages.viewed import Viewed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
 
-__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+__all__ = ["browser", "browser_page"]
 
 pytestmark = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="films need ffmpeg: apt install ffmpeg")
 
@@ -97,7 +97,7 @@ def test_key_scenes_are_wanted_before_a_flight(page: Page) -> None:
 def test_while_a_movie_is_made_the_volume_can_be_turned_and_no_picture_of_the_movie_is_another(
     view: Viewed, page: Page
 ) -> None:
-    fill(page, images="120", width="512", height="512")
+    fill(page, images="120", width="128", height="96")
     with page.expect_download() as download:
         page.get_by_text("make the movie").click()
         page.get_by_text(re.compile(r"image \d+ of 120")).wait_for()

@@ -19,7 +19,7 @@ from support.pages import patient_http
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, fresh_page, opened, page, pixels_of, save
 from support.pages.tables_tab import box, until
-from support.pages.viewed import Viewed, view, viewed, volume
+from support.pages.viewed import Viewed, viewed
 from support.patience import PATIENCE
 from support.programs.server_processes import is_server
 from volsplat.bench.page_drag import REFINED, Drag, dragged, show_in
@@ -27,7 +27,6 @@ from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.ui.viewport.under_way import LEAST, MOST
-from volsplat.protocol.description.volume import Index
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -36,12 +35,7 @@ IMAGE = 512
 FAR = 0.4  # seconds a round trip
 ENDS = [(end, axis) for axis in "ijk" for end in ("lowest", "end of")]
 
-__all__ = ["browser", "browser_page", "fresh_page", "page", "view", "volume"]
-
-
-@pytest.fixture(scope="module")
-def phantom() -> tuple[str, Index]:
-    return "head", (48, 64, 56)
+__all__ = ["browser", "browser_page", "fresh_page", "page"]
 
 
 def test_the_page_shows_the_volume_and_every_part_of_the_scene(page: Page) -> None:
@@ -87,7 +81,7 @@ def test_what_is_known_of_the_volume_and_of_the_servers_is_at_hand(page: Page) -
 
     page.get_by_role("button", name="about this volume").click()
     known = page.locator(".vs-information")
-    expect(known).to_contain_text("48 x 64 x 56 = 172032 voxels")
+    expect(known).to_contain_text("24 x 32 x 28 = 21504 voxels")
     expect(known).to_contain_text("gradient strength: 0 becomes 0")
     page.keyboard.press("Escape")
     expect(known).to_be_hidden()
@@ -269,7 +263,7 @@ def test_through_a_slow_line_nothing_stale_is_shown_and_no_more_than_is_under_wa
         moves, whole = dragged(page, 90), [page.get_by_label(f"{end} {axis}").input_value() for end, axis in ENDS]
         size = page.evaluate("() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height] }")
         page.goto("about:blank")
-    assert whole == ["0", "48", "0", "64", "0", "56"], "it was turned, and not cut by a handle"
+    assert whole == ["0", "24", "0", "32", "0", "28"], "it was turned, and not cut by a handle"
     assert size == [IMAGE, IMAGE] and sum(moves.drawn_as().values()) == pytest.approx(1.0)
     assert moves.stale() == 0
     events = [event for event, _ in moves.sent]

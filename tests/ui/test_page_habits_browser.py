@@ -12,14 +12,14 @@ from support.pages.browser import browser, browser_page, close_tab
 from support.pages.lossy_line import LossyLine
 from support.pages.page_tab import after, canvas, drag, fresh_page, opened, page
 from support.pages.tables_tab import box, until
-from support.pages.viewed import Viewed, phantom, view, volume
+from support.pages.viewed import Viewed
 from volsplat.bench.page_drag import REFINED
 from volsplat.bench.slow_link import slow_link
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page", "fresh_page", "page", "phantom", "view", "volume"]
+__all__ = ["browser", "browser_page", "fresh_page", "page"]
 
 
 def picture_size(page: Page) -> list[int]:

@@ -104,11 +104,13 @@ def chromium() -> Iterator[Chromium]:
 
 @pytest.fixture(scope="module")
 def browser(chromium: Chromium) -> Iterator[Browser]:
-    """It, with one context so far: that of `browser_page`, for all tests of a module, in which what they all load is
-    loaded and compiled once.
+    """It, with a first context, that of `browser_page`, in which what tests load from one server is loaded and compiled
+    once. It is emptied after each module.
     """
-    with chromium.lent() as lent, patient_context(lent, viewport=_WINDOW):
+    with chromium.lent() as lent:
+        context = lent.contexts[0] if lent.contexts else _patient(lent, viewport=_WINDOW)
         yield lent
+        _forget(context, _origins(context))
 
 
 @pytest.fixture

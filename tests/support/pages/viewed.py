@@ -1,17 +1,20 @@
 """A volume viewed by the real command `volsplat view`, and a viewport that is not a browser's.
 
-A test module imports the fixtures `volume` and `view` by name, and names them in its `__all__`; `phantom`, which it
-imports as well or makes its own, says what is viewed.
+tests/ui/conftest.py has the fixtures `volume` and `view` for most tests of the page. A test module elsewhere, or for
+another volume, imports those from here by name, and names them in its `__all__`; `phantom`, which it imports as well or
+makes its own, says what is viewed.
 """
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import signal
 import threading
+import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from subprocess import Popen
@@ -31,6 +34,10 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.protocol.description.volume import Index
 
+HEAD: tuple[str, Index] = ("head", (24, 32, 28))
+# A scene as links have it: what differs from the first one, which is nothing.
+FIRST = base64.urlsafe_b64encode(zlib.compress(b"{}")).decode().rstrip("=")
+UNUSED_SECONDS = 86400  # between two modules that view it
 _ADDRESS = re.compile(r"http://\S+token=\S+")
 
 
@@ -115,18 +122,51 @@ def _watched(process: Begun | Popen[str], person: Person) -> Iterator[Viewed]:
         reading.join(PATIENCE)
 
 
+class KeptView:
+    """A volume viewed by two map/shade servers, for tests of several modules: each module begins with the first scene.
+
+    Another one is begun once a test has failed.
+    """
+
+    def __init__(self, volume: Path) -> None:
+        self._volume = volume
+        self._running = ExitStack()
+        self._view: Viewed | None = None
+        self._module = ""
+        self._failed = 0
+
+    def lent(self, module: str, failed: int) -> Viewed:
+        """To a test of this module, before which so many have failed."""
+        if self._view is None or failed != self._failed:
+            self.close()
+            options = ("--workers", "2", "--grace", str(UNUSED_SECONDS))
+            self._view = self._running.enter_context(viewed(self._volume.parent, self._volume, *options))
+        elif module != self._module:
+            link = f"http://127.0.0.1:{self._view.port}/?scene={FIRST}"
+            assert patient_http.get(link, headers={"Cookie": self._view.cookie}).is_redirect
+        self._module, self._failed = module, failed
+        return self._view
+
+    def close(self) -> None:
+        self._view = None
+        self._running.close()
+
+
+def written(folder: Path, name: str, size: Index) -> Path:
+    path = folder / f"{name}.nrrd"
+    write_volume(path, *make_phantom(name, size))
+    return path
+
+
 @pytest.fixture(scope="module")
 def phantom() -> tuple[str, Index]:
     """Name and size."""
-    return "head", (24, 32, 28)
+    return HEAD
 
 
 @pytest.fixture(scope="module")
 def volume(phantom: tuple[str, Index], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    name, size = phantom
-    path = tmp_path_factory.mktemp("volume") / f"{name}.nrrd"
-    write_volume(path, *make_phantom(name, size))
-    return path
+    return written(tmp_path_factory.mktemp("volume"), *phantom)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from support.pages import patient_http
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, drag, opened
 from support.pages.prefix_proxy import prefix_proxy
-from support.pages.viewed import phantom, viewed, volume
+from support.pages.viewed import viewed
 from support.programs.hand_started import free_port
 from volsplat.client.ui.doors.admission import Admission, Admitted, Asked, Refused, Welcomed
 from volsplat.client.ui.doors.peer_owner import PeerOwner
@@ -21,7 +21,7 @@ from volsplat.protocol.text.errors import BadInput
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page", "phantom", "volume"]
+__all__ = ["browser", "browser_page"]
 
 PREFIX = "/user/me/proxy/8123"
 HUB = PublicAddress.of("https://Hub.example.org/user/me/proxy/8123/")

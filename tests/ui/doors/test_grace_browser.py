@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from support.pages.browser import browser, browser_page
-from support.pages.viewed import phantom, volume
 from support.patience import PATIENCE
 from volsplat.bench.page_drag import REFINED
 from volsplat.client.ui.application import LOADING_SECONDS
@@ -20,7 +19,7 @@ from volsplat.client.ui.application import LOADING_SECONDS
 if TYPE_CHECKING:
     from playwright.sync_api import Page, Route
 
-__all__ = ["browser", "browser_page", "phantom", "volume"]
+__all__ = ["browser", "browser_page"]
 
 GRACE = 100.0
 LOADING = GRACE + LOADING_SECONDS / 2  # a browser that has the page, and not yet its scripts, takes so long

@@ -10,10 +10,10 @@ from playwright.sync_api import Page
 
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import opened
-from support.pages.viewed import Viewed, phantom, view, volume
+from support.pages.viewed import Viewed
 from volsplat.client.ui.doors.script_bundle import bundled
 
-__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+__all__ = ["browser", "browser_page"]
 
 MODULES = {
     "one.js": 'import { half as part } from "./shared.js";\nexport default { of: (x) => part(x) };\n',

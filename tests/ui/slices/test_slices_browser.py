@@ -14,12 +14,12 @@ from support.pages.browser import browser, browser_page, kept_as_loaded, patient
 from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, drag, opened
 from support.pages.tables_tab import box, until
-from support.pages.viewed import Viewed, phantom, view, volume
+from support.pages.viewed import Viewed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
 
-__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+__all__ = ["browser", "browser_page"]
 
 PIXELS = """(slice) => {
     const canvas = slice.querySelector("canvas");

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as PillowImage
 
-from support.pages.viewed import Shown, Viewport, phantom, viewed, volume
+from support.pages.viewed import Shown, Viewport, viewed
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.slices.slice_picture import slice_picture
-
-__all__ = ["phantom", "volume"]
 
 SIDE = 48
 

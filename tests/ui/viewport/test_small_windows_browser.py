@@ -11,13 +11,13 @@ from support.pages.browser import browser, kept_as_loaded, patient_context
 from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, opened
 from support.pages.tables_tab import until
-from support.pages.viewed import Viewed, phantom, view, volume
+from support.pages.viewed import Viewed
 from volsplat.bench.page_drag import REFINED
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Locator, Page, ViewportSize
 
-__all__ = ["browser", "phantom", "view", "volume"]
+__all__ = ["browser"]
 
 TELEPHONE, TABLET = (390, 844), (800, 600)
 LEAST_LEGIBLE = 8.0  # CSS pixels of letters that are read
