@@ -18,7 +18,7 @@ def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def kept_view(volume: Path) -> Iterator[KeptView]:
-    with closing(KeptView(volume)) as kept:
+    with closing(KeptView(volume.parent, volume, "--workers", "2")) as kept:
         yield kept
 
 

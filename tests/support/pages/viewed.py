@@ -123,13 +123,14 @@ def _watched(process: Begun | Popen[str], person: Person) -> Iterator[Viewed]:
 
 
 class KeptView:
-    """A volume viewed by two map/shade servers, for tests of several modules: each module begins with the first scene.
+    """A volume viewed in a folder, for many tests, also of several modules: each module begins with the first scene.
 
-    Another one is begun once a test has failed.
+    The command is begun anew once a test has failed.
     """
 
-    def __init__(self, volume: Path) -> None:
-        self._volume = volume
+    def __init__(self, folder: Path, volume: Path, *options: str) -> None:
+        self._folder, self._volume = folder, volume
+        self._options = (*options, "--grace", str(UNUSED_SECONDS))
         self._running = ExitStack()
         self._view: Viewed | None = None
         self._module = ""
@@ -139,8 +140,7 @@ class KeptView:
         """To a test of this module, before which so many have failed."""
         if self._view is None or failed != self._failed:
             self.close()
-            options = ("--workers", "2", "--grace", str(UNUSED_SECONDS))
-            self._view = self._running.enter_context(viewed(self._volume.parent, self._volume, *options))
+            self._view = self._running.enter_context(viewed(self._folder, self._volume, *self._options))
         elif module != self._module:
             link = f"http://127.0.0.1:{self._view.port}/?scene={FIRST}"
             assert patient_http.get(link, headers={"Cookie": self._view.cookie}).is_redirect

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from support.files.dicom_files import numbered, series
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened
-from support.pages.viewed import Viewed, viewed
+from support.pages.viewed import KeptView, Viewed, viewed
 from support.patience import wait_until
 from support.programs.forked_programs import forker
 from support.programs.server_processes import words_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["browser", "browser_page"]
 
 SIZE = (24, 28, 26)
+SHOWN = "head.nrrd – volsplat"  # at the beginning
 
 
 @pytest.fixture(scope="module")
@@ -46,15 +48,19 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.fixture
-def view(root: Path, tmp_path: Path) -> Iterator[Viewed]:
-    with viewed(tmp_path, root / "head.nrrd", "--workers", "1") as running:
-        yield running
+@pytest.fixture(scope="module")
+def kept_view(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[KeptView]:
+    with closing(KeptView(tmp_path_factory.mktemp("view"), root / "head.nrrd", "--workers", "1")) as kept:
+        yield kept
 
 
 @pytest.fixture
-def page(view: Viewed, browser_page: Page) -> Page:
-    return opened(browser_page, view.url)
+def page(kept_view: KeptView, view: Viewed, browser_page: Page) -> Iterator[Page]:
+    """The page with the first volume; the command is begun anew if a test leaves another one."""
+    page = opened(browser_page, view.url)
+    yield page
+    if page.title() != SHOWN:
+        kept_view.close()
 
 
 def dialog(page: Page) -> Locator:
@@ -152,7 +158,7 @@ def test_while_one_is_opened_all_tabs_say_so_the_old_one_turns_and_any_tab_gives
         page.keyboard.press("o")
         expect(dialog(page).get_by_role("alert")).to_be_hidden()
         wait_until(lambda: not any(server.is_running() for server in new), "the new servers end")
-    assert page.title() == other.title() == "head.nrrd – volsplat"
+    assert page.title() == other.title() == SHOWN
 
 
 def test_servers_that_are_lost_while_one_is_opened_are_replaced(view: Viewed, page: Page) -> None:

@@ -64,7 +64,7 @@ def shows(page: Page, name: str) -> None:
 def test_the_page_asks_and_every_tab_goes_over_to_the_phantom_that_is_chosen(root: Path, browser_page: Page) -> None:
     from playwright.sync_api import expect
 
-    with viewed(root / "few", None, "--workers", "2", "--preset", "surfaces") as running:
+    with viewed(root / "few", None, "--workers", "1", "--preset", "surfaces") as running:
         page, other = browser_page, browser_page.context.new_page()
         start(page, running.url)
         start(other, running.url)
