@@ -49,6 +49,12 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(ProcessorTime())
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Half as many again as there are cores: two of three workers work while the third waits for a process to end."""
+    cores = len(os.sched_getaffinity(0))
+    return cores + (cores + 1) // 2
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """What is collected stays to the end: to look for garbage in it takes a quarter of this time, and more later."""
