@@ -1,6 +1,6 @@
 """The launcher `ssh`: OpenSSH itself, with the user's own config, keys and jump hosts."""
 
-import shlex
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -14,7 +14,11 @@ from volsplat.protocol.text.printable import one_line
 
 SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
-BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
+BATCH = (  # nobody is there to be asked, or to read a banner
+    *("-o", "BatchMode=yes"), *("-o", f"ConnectTimeout={CONNECT_SECONDS}"), *("-o", "LogLevel=ERROR"),
+)  # fmt: skip
+BEGUN = "volsplat-begins"
+_BEGINS = f"printf '\\n{BEGUN}\\n'; printf '\\n{BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
 NO_SSH = "ssh is not installed here; install OpenSSH's client"
 
@@ -43,27 +47,42 @@ class SshLauncher:
 
 
 def ssh_command(machine: Machine, script: str, *options: str) -> list[str]:
-    """Has a shell there run this script; `options` are ssh's own, and come before the user's."""
+    """Has a POSIX shell there run this script; `options` are ssh's own, and come before the user's."""
     assert machine.host is not None
-    return ["ssh", *BATCH, *options, *machine.ssh.options, "--", machine.host, f"exec sh -c {shlex.quote(script)}"]
+    return ["ssh", *BATCH, *options, *machine.ssh.options, "--", machine.host, _for_any_shell(script)]
+
+
+def _for_any_shell(script: str) -> str:
+    """What any login shell, csh and fish as well, hands to a POSIX one: their quotes agree on all but these."""
+    escaped = re.sub(r"[\\\n'!]", lambda found: f"\\0{ord(found[0]):03o}", script)
+    return f"""exec sh -c 'eval "$(printf %b "$0")"' '{escaped}'"""
 
 
 def run_there(machine: Machine, script: str, given: str) -> str:
     """What a script prints there, given its input. Raises BadInput with the reason."""
-    host, command = machine.host, ssh_command(machine, script)
+    host, command = machine.host, ssh_command(machine, f"{_BEGINS}{script}")
     try:
-        ran = subprocess.run(command, input=given, capture_output=True, encoding="utf-8", timeout=SSH_SECONDS)
+        ran = subprocess.run(
+            command, input=given, capture_output=True, encoding="utf-8", errors="replace", timeout=SSH_SECONDS
+        )
     except FileNotFoundError as error:
         raise BadInput(NO_SSH) from error
     except subprocess.TimeoutExpired as error:
         raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
     if ran.returncode == NOT_REACHED:
         raise BadInput(f"{host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {host}")
+    said = _after_greetings(ran.stdout)
     if ran.returncode:
-        said = one_line(ran.stdout or ran.stderr) or f"its shell ended with {ran.returncode}"
+        reason = one_line(said or _after_greetings(ran.stderr)) or f"its shell ended with {ran.returncode}"
         cure = '; give command = "/path/to/volsplat" in the cluster file' if ran.returncode == 3 else ""
-        raise BadInput(f"{host}: {said}{cure}")
-    return ran.stdout
+        raise BadInput(f"{host}: {reason}{cure}")
+    return said
+
+
+def _after_greetings(said: str) -> str:
+    """Without what the login shell's start-up files have printed; all of it where the script was never run."""
+    before, begun, script_said = said.partition(f"\n{BEGUN}\n")
+    return script_said if begun else before
 
 
 def host_name(machine: Machine) -> str:

@@ -63,6 +63,31 @@ def test_each_hop_of_a_cluster_that_is_right_is_said_to_be_and_nothing_stays_beh
     assert person.runs("deploy", "status", str(person.folder / "cluster.toml")).returncode == 2
 
 
+def test_what_a_login_shell_prints_as_it_starts_is_passed_over(person: Person, tmp_path: Path) -> None:
+    login = tmp_path / "login"
+    login.write_text(
+        "#!/bin/sh\nseq -f 'Welcome, line %g' 99\nprintf 'no end of line'\nprintf '\\377 not UTF-8' >&2\n"
+        'exec sh -c "$SSH_ORIGINAL_COMMAND"\n'
+    )
+    login.chmod(0o755)
+    banner = tmp_path / "banner"
+    banner.write_text("Authorised users only\n")
+    with sshd(tmp_path / "greeting", f"ForceCommand {login}", f"Banner {banner}") as ssh:
+        machine = f'data-root = "{person.folder}/there"\nthreads = 1\n{BOTH}{ssh}'
+        said = looks(person, machine)
+        assert said.returncode == 0, said.stdout + said.stderr
+        path = str(person.folder / "cluster.toml")
+        try:
+            assert person.runs("deploy", "up", path).returncode == 0
+            status = person.runs("deploy", "status", path)
+            assert status.stdout.count("running") == 2, status.stdout + status.stderr
+            assert "Welcome" not in person.runs("deploy", "logs", path).stdout
+        finally:
+            assert person.runs("deploy", "down", path).returncode == 0
+        named = wrong(person, machine.replace("/volsplat", "/no-volsplat"))
+        assert "no-volsplat is not there; give command" in named and "Welcome" not in named and "users" not in named
+
+
 def test_servers_that_are_up_are_asked_and_stay_up(person: Person) -> None:
     path = str(cluster_file(person.folder, f"doctor-{os.getpid()}", f'launcher = "local"\nthreads = 1\n{BOTH}'))
     volume = str(person.folder / "there" / "head.nrrd")

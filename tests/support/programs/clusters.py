@@ -56,8 +56,8 @@ def drawn(person: Person, *options: str) -> bytes:
 
 
 @contextmanager
-def sshd(folder: Path) -> Iterator[str]:
-    """A daemon that lets this user in; what a machine's table in a cluster file needs for it."""
+def sshd(folder: Path, *settings: str) -> Iterator[str]:
+    """A daemon that lets this user in; what a machine's table in a cluster file needs for it. `settings` are sshd's."""
     if not Path(SSHD).exists() or shutil.which("ssh") is None:
         pytest.skip("needs sshd and ssh (Debian: openssh-server, openssh-client)")
     folder.mkdir()
@@ -69,7 +69,7 @@ def sshd(folder: Path) -> Iterator[str]:
     config.write_text(
         f"Port {port}\nListenAddress 127.0.0.1\nHostKey {folder}/host_key\nPidFile {folder}/pid\nUsePAM no\n"
         f"AuthorizedKeysFile {folder}/authorized_keys\nStrictModes no\nPasswordAuthentication no\n"
-        f"SetEnv XDG_STATE_HOME={folder}/state\n",
+        + "".join(f"{line}\n" for line in (f"SetEnv XDG_STATE_HOME={folder}/state", *settings)),
         encoding="utf-8",
     )
     if os.geteuid() == 0:
