@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Size
 from volsplat.deploy.launchers.launcher import ServerState
+from volsplat.program.exit_status import EXIT_FAILED
 from volsplat.program.help_examples import examples
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput
@@ -58,8 +60,12 @@ def status(cluster: Path) -> None:
         row = (one.started.name, one.started.place, said.state.value, said.reason)
         table.add_row(*(Text(printable(cell)) for cell in row))
     PlainConsole().print(table)
-    if any(said.state is ServerState.ENDED for _, said in statuses):
-        raise click.exceptions.Exit(1)
+    state = running.folder.load()
+    missing = running.never_started(state) if state is not None else []
+    for title, line in missing:
+        PlainConsole(stderr=True).say(f"{title}: {line}")
+    if missing or any(said.state is ServerState.ENDED for _, said in statuses):
+        sys.exit(EXIT_FAILED)
 
 
 @deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy down lab.toml"))

@@ -14,6 +14,7 @@ from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.deploy.restart_limit import RestartLimit
+from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address, parse_address
@@ -41,7 +42,7 @@ class ClusterServers:
         self._brought_up = state is None
         if self._brought_up:
             atexit.register(self._down)  # wherever Ctrl-C ends what follows
-        self._state = state or self._bring_up()
+        self._state = self._bring_up() if state is None else self._with_both_kinds(state)
         self._known = {one.started.name: one for one in self._state.servers}
         self._lock = threading.Lock()  # guards what follows
         self._why: dict[str, str] = {}  # each is not there
@@ -56,6 +57,14 @@ class ClusterServers:
             self._down()
             raise
 
+    def _with_both_kinds(self, state: ClusterState) -> ClusterState:
+        """Without machines that failed at `deploy up`, except the only ones of a kind, which are tried again."""
+        if {one.program for one in state.servers} < set(Program):
+            return self._running.up(self._report)
+        for title, line in self._running.never_started(state):
+            self._report(f"{title}: {line}")
+        return state
+
     def _down(self) -> None:
         if not self._opened_by.is_here:  # a process that was forked ends
             return
@@ -69,6 +78,10 @@ class ClusterServers:
     @property
     def listens_at(self) -> Address:
         return self._running.listens_at(self._state)
+
+    def count(self, program: Program) -> int:
+        """How many were started."""
+        return sum(one.program is program for one in self._state.servers)
 
     def volume(self, name: str) -> str:
         return self._running.volume(name)

@@ -63,6 +63,7 @@ from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.deploy.server_command import Program
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
 from volsplat.program.this_machine import check_server_count, usable_cores, usual_servers
@@ -146,7 +147,8 @@ class Session:
         if self._cluster is not None:
             of, spawn = self._cluster.cluster, False
             token, listen = self._cluster.token, self._cluster.listens_at
-            workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
+            workers, splat_servers = map(self._cluster.count, (Program.MAPSHADE_SERVER, Program.SPLAT_SERVER))
+            silence = of.silence
             memory = memory or of.memory_bytes
             encryption = of.encryption
         if spawn:

@@ -134,6 +134,17 @@ class RunningCluster:
         results = _on_all(sorted({one.machine for one in missing}), start)
         return [result.reason for result in results.values() if isinstance(result, Failed)]
 
+    def never_started(self, state: ClusterState) -> list[tuple[str, str]]:
+        """Machines that failed as it was brought up, with how many of their servers are missing, and the cure."""
+        found = []
+        for number, machine in enumerate(cluster_from_toml(state.file, str(self.path)).machines):
+            wanted = machine.map_shade_servers + machine.splat_servers
+            missing = wanted - sum(one.machine == number for one in state.servers)
+            if missing:
+                line = f"{missing} of {wanted} servers could not be started; try again: volsplat deploy up {self.path}"
+                found.append((machine.title, line))
+        return found
+
     def statuses(self) -> list[tuple[KnownServer, Said]]:
         """Of every server that was started, in the file's order."""
         state = self.folder.load()
@@ -161,6 +172,7 @@ class RunningCluster:
         with self.folder.locked():
             state = self.folder.load()
             if state is None:
+                self.folder.forget()
                 report(f"the cluster {self.cluster.name} is not up")
                 return
             cluster = cluster_from_toml(state.file, str(self.path))

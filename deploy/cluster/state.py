@@ -59,13 +59,14 @@ class StateFolder:
     def load(self) -> ClusterState | None:
         """None where the cluster is not up. Raises BadInput for a file that cannot be read."""
         try:
-            return msgspec.json.decode((self.path / "state.json").read_bytes(), type=ClusterState)
+            state = msgspec.json.decode((self.path / "state.json").read_bytes(), type=ClusterState)
         except FileNotFoundError:
             return None
         except (OSError, msgspec.DecodeError) as error:
             raise BadInput(
                 f"{self.path / 'state.json'} cannot be read: {error}; remove it, and end the servers"
             ) from error
+        return state if state.servers else None  # none could be started
 
     def save(self, state: ClusterState) -> None:
         self._make()

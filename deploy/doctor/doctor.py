@@ -45,6 +45,8 @@ class Doctor:
         self._ways_in()
         state = self._running.state()
         if state is not None:
+            for title, line in self._running.never_started(state):
+                self._find(Finding(title, "start", False, line))
             self._of_servers(state)
             return
         try:

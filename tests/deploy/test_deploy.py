@@ -88,6 +88,7 @@ def test_a_server_that_was_killed_is_told_and_started_anew(person: Person, clust
     before = processes(person)
     os.kill(before[1], signal.SIGKILL)
     wait_until(lambda: "ended" in person.runs("deploy", "status", str(cluster)).stdout, "noticed")
+    assert person.runs("deploy", "status", str(cluster)).returncode == 1
     assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
     after = processes(person)
     assert len(set(before) & set(after)) == 2
@@ -233,6 +234,39 @@ def test_a_host_that_ssh_cannot_reach_is_named_with_ssh_s_reason(person: Person)
     path = cluster_file(person.folder, "nowhere", machine)
     said = person.runs("deploy", "up", str(path))
     assert said.returncode == 2 and "127.0.0.1: ssh: connect to host 127.0.0.1" in said.stderr
+
+
+def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -> None:
+    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
+    broken = f'launcher = "ssh"\nhost = "127.0.0.1"\n{options}'
+    whole = LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n"
+    path = str(cluster_file(person.folder, "in-part", whole, broken + "map-shade-servers = 1\n"))
+    try:
+        assert person.runs("deploy", "up", path).returncode == 2
+        status = person.runs("deploy", "status", path)
+        assert status.returncode == 1 and "127.0.0.1: 1 of 1 servers could not be started" in status.stderr
+        doctor = person.runs("deploy", "doctor", path)
+        assert doctor.returncode == 2 and "WRONG 127.0.0.1: start: 1 of 1 servers" in doctor.stdout
+        assert drawn(person, "--cluster", path) == drawn(person, "--single")
+    finally:
+        assert person.runs("deploy", "down", path).returncode == 0
+
+
+@pytest.mark.parametrize("left", ["nothing", "one kind"])
+def test_where_a_kind_of_server_could_not_be_started_a_client_is_told_why(person: Person, left: str) -> None:
+    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
+    kinds = ["map-shade-servers = 1\n", "splat-servers = 1\n"]
+    broken = f'launcher = "ssh"\nhost = "127.0.0.1"\n{options}' + "".join(kinds[left == "one kind" :])
+    machines = [broken, LOCAL + kinds[0]] if left == "one kind" else [broken]
+    path = str(cluster_file(person.folder, "broken", *machines))
+    try:
+        assert person.runs("deploy", "up", path).returncode == 2
+        told = person.runs("render", "head.nrrd", "-o", "image.png", "--cluster", path)
+        assert told.returncode == 2 and "127.0.0.1: ssh: connect to host 127.0.0.1" in told.stderr
+        logs = person.runs("deploy", "logs", path)
+        assert logs.returncode == (0 if left == "one kind" else 2) and "None" not in logs.stderr
+    finally:
+        assert person.runs("deploy", "down", path).returncode == 0
 
 
 def test_a_port_that_a_tunnel_does_not_get_is_named(person: Person) -> None:
