@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.memory.array_source import ArraySource
 from volsplat.client.memory.known_arrays import source_of
 from volsplat.client.memory.shared_memory import SharedMemory, shared_memory
@@ -167,7 +168,7 @@ def _description(source: ArraySource, kind: Kind, unit: str, value_unit: str, na
     if kind in PATIENT_KINDS and not source.anatomical:
         raise BadInput(f"kind={kind.value}: is of a patient, whose sides the array does not tell; {HOW_TO_PLACE}")
     if not source.placed:
-        warnings.warn(UNPLACED, OrientationUnknown, stacklevel=3)
+        warnings.warn(UNPLACED, OrientationUnknown, stacklevel=level_of_caller())
     dims = source.values.shape[::-1]
     try:
         geometry = Geometry((int(dims[0]), int(dims[1]), int(dims[2])), source.matrix, source.origin)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, overload
 
 from volsplat.client.caller.arguments import checked_scene, checked_step
+from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
@@ -207,7 +208,7 @@ def _preset(volume: SurveyedVolume, name: str) -> Scene:
     subject = volume.subject()
     scene = preset_scene(name, subject)
     if why := why_unsuited(name, subject):
-        warnings.warn(why, UnsuitedPreset, stacklevel=5)
+        warnings.warn(why, UnsuitedPreset, stacklevel=level_of_caller())
     return scene
 
 

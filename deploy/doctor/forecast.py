@@ -79,4 +79,4 @@ def load_of(geometry: Geometry, size: Size, share: float) -> Load:
 
 
 def _rate(model: Prediction) -> str:
-    return f"{1 / model.seconds:.2g} images a second"
+    return f"{float(f'{1 / model.seconds:.2g}'):g} images a second"

@@ -211,8 +211,10 @@ def test_what_is_no_volume_is_refused_in_a_line(array: Any, options: dict[str, A
 
 
 def test_a_bare_array_is_drawn_with_a_note() -> None:
-    with pytest.warns(OrientationUnknown, match="may be mirrored"):
+    with pytest.warns(OrientationUnknown, match="may be mirrored") as told:
         Volume(VALUES)
+        SingleProcess(VALUES).close()
+    assert [Path(one.filename) for one in told] == 2 * [Path(__file__)], "each points at the caller's line"
     with warnings.catch_warnings(action="error"):
         Volume(VALUES, spacing=(1, 1, 1))
 
