@@ -1,8 +1,8 @@
 """Which servers a cluster file asks for: their names, their arguments, and where a client finds each."""
 
 import socket
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
 from volsplat.deploy.launchers.launcher import ServerOrder
@@ -10,7 +10,7 @@ from volsplat.deploy.launchers.table import host_name
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.ports import splat_ports
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
+from volsplat.protocol.wire.addresses import EVERYWHERE, EVERYWHERE_6, LOOPBACK, Address, parse_address
 
 SHORT = {Program.SPLAT_SERVER: "splat", Program.MAPSHADE_SERVER: "map/shade"}
 DISCARD_PORT = 9  # to find a route nothing is sent, so any will do
@@ -81,7 +81,9 @@ def _data_links(cluster: Cluster, machine: Machine, port: int) -> list[str]:
     """Where a splat server takes them: at this port if it is not 0, and on loopback if nobody comes from elsewhere."""
     others = (one for one in cluster.machines if one.launcher != "local" and not one.behind_tunnel)
     within = machine.hides_splat_servers or (machine.launcher == "local" and not any(others))
-    return ["--listen", str(Address(LOOPBACK if within else EVERYWHERE, port))] if port or not within else []
+    return (
+        ["--listen", str(Address(LOOPBACK if within else _everywhere_on(machine), port))] if port or not within else []
+    )
 
 
 def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
@@ -94,8 +96,9 @@ def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
     if there is None:
         raise BadInput(f'{machine.title}: its servers must know where to dial; add client = "HOST:PORT", or listen')
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-            asking.connect((there, DISCARD_PORT))
+        family, place = _dialled(there)
+        with socket.socket(family, socket.SOCK_DGRAM) as asking:
+            asking.connect(place)
             return str(Address(asking.getsockname()[0], listen_port))
     except OSError as error:
         raise BadInput(
@@ -104,9 +107,36 @@ def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
         ) from error
 
 
+def everywhere_for(cluster: Cluster, machines: Iterable[Machine]) -> str:
+    """Where a client listens on every address for servers of these machines."""
+    if cluster.client is not None:
+        return _everywhere(parse_address(cluster.client).host)
+    return EVERYWHERE_6 if EVERYWHERE_6 in map(_everywhere_on, machines) else EVERYWHERE
+
+
+def _everywhere_on(machine: Machine) -> str:
+    return _everywhere(host_name(machine) or machine.title)
+
+
+def _everywhere(host: str) -> str:
+    """On every address of IPv4, and of IPv6 too where nothing else is known to lead to this host."""
+    try:
+        family, _ = _dialled(host)
+    except OSError:  # it is known elsewhere alone
+        return EVERYWHERE
+    return EVERYWHERE_6 if family == socket.AF_INET6 else EVERYWHERE
+
+
+def _dialled(host: str) -> tuple[socket.AddressFamily, tuple[Any, ...]]:
+    """How a host is reached, by IPv4 if it can be. Raises OSError."""
+    found = socket.getaddrinfo(host, DISCARD_PORT, type=socket.SOCK_DGRAM)
+    family, *_, place = min(found, key=lambda way: way[0] != socket.AF_INET)
+    return family, place
+
+
 def _reached_at(machine: Machine, waits: Address) -> str:
     """The host by which a client dials servers that wait here."""
-    if waits.host not in (EVERYWHERE, "::"):
+    if waits.host not in (EVERYWHERE, EVERYWHERE_6):
         return waits.host
     if machine.advertise is not None:
         return machine.advertise.rpartition(":")[0] or machine.advertise

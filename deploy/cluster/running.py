@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from volsplat.deploy.cluster.orders import Ordered, ordered
+from volsplat.deploy.cluster.orders import Ordered, everywhere_for, ordered
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState
@@ -20,7 +20,7 @@ from volsplat.deploy.tunnels.ports import last_port
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
+from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.tokens import Token
 
 Result = TypeVar("Result")
@@ -54,8 +54,8 @@ class RunningCluster:
         if not dial_in:
             return Address(LOOPBACK, 0)
         machines = [self.cluster.machines[number] for number in dial_in]
-        elsewhere = any(machine.launcher != "local" and not machine.behind_tunnel for machine in machines)
-        return Address(EVERYWHERE if elsewhere else LOOPBACK, state.listen_port)
+        elsewhere = [machine for machine in machines if machine.launcher != "local" and not machine.behind_tunnel]
+        return Address(everywhere_for(self.cluster, elsewhere) if elsewhere else LOOPBACK, state.listen_port)
 
     def tunnels(self, state: ClusterState, report: Report) -> Tunnels:
         """Those by which servers reach a client that listens. Whoever opens them closes them."""

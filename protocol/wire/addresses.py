@@ -6,7 +6,8 @@ from typing import NamedTuple
 from volsplat.protocol.text.errors import BadInput
 
 LOOPBACK = "127.0.0.1"
-EVERYWHERE = "0.0.0.0"  # every address of this machine
+EVERYWHERE = "0.0.0.0"  # every address of this machine, of IPv4
+EVERYWHERE_6 = "::"  # and of IPv6 as well
 
 
 class Address(NamedTuple):
@@ -24,6 +25,12 @@ def parse_address(text: str) -> Address:
     if not colon or not (port.isascii() and port.isdigit()) or int(port) > 65535 or (":" in host and not bracketed):
         raise BadInput(f"{text!r} is not an address; write HOST:PORT, such as {LOOPBACK}:7000 or [::1]:7000")
     return Address((host[1:-1] if bracketed else host) or LOOPBACK, int(port))
+
+
+def plain_host(host: str) -> str:
+    """An address of IPv4 as such, as one that has come to a port of IPv6 is told as one of these."""
+    mapped = getattr(ip_address(host.partition("%")[0]), "ipv4_mapped", None)
+    return host if mapped is None else str(mapped)
 
 
 def is_loopback(host: str) -> bool:

@@ -20,6 +20,7 @@ from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.session_messages import Alive
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.addresses import plain_host
 from volsplat.protocol.wire.channel import Channel, plain_channel, unsent
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.encryption import Encryption
@@ -99,7 +100,7 @@ class Connection:
         if self.may_share_memory:
             return ""
         try:
-            return str(self._socket.getsockname()[0])
+            return plain_host(self._socket.getsockname()[0])
         except OSError:
             return ""
 

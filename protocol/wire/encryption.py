@@ -1,8 +1,9 @@
 """Which links are encrypted: those between machines, unless people have it otherwise at both ends."""
 
-import ipaddress
 import socket
 from enum import Enum
+
+from volsplat.protocol.wire.addresses import is_loopback, plain_host
 
 
 class Encryption(Enum):
@@ -24,10 +25,4 @@ class Encryption(Enum):
         """Whether this connection is to be encrypted."""
         if connected.family == socket.AF_UNIX or self is Encryption.NEVER:
             return False
-        return self is Encryption.ALWAYS or not _is_loopback(connected.getpeername()[0])
-
-
-def _is_loopback(host: str) -> bool:
-    address = ipaddress.ip_address(host.partition("%")[0])
-    mapped = getattr(address, "ipv4_mapped", None)
-    return bool((mapped or address).is_loopback)
+        return self is Encryption.ALWAYS or not is_loopback(plain_host(connected.getpeername()[0]))

@@ -18,7 +18,7 @@ from volsplat.protocol.messages.greetings import Rejected
 from volsplat.protocol.text.errors import BadInput, TooEarly, VolsplatError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.text.rare_lines import RareLines
-from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
+from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address, plain_host
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.tls_channel import ONE_SIDED, PlainCaller
@@ -119,7 +119,7 @@ class Port:
                     self._closing.wait(SHORTAGE_PAUSE_SECONDS)
                 continue
             if caller.family != socket.AF_UNIX:
-                self._begin(caller, Address(*address[:2]))
+                self._begin(caller, Address(plain_host(address[0]), address[1]))
             elif is_ours(caller):
                 self._begin(caller, HERE)
             else:

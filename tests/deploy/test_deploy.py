@@ -269,6 +269,21 @@ def test_where_a_kind_of_server_could_not_be_started_a_client_is_told_why(person
         assert person.runs("deploy", "down", path).returncode == 0
 
 
+@pytest.mark.parametrize("who_dials", ["", 'listen = "[::]:{port}"\n'], ids=["they dial", "they wait"])
+def test_a_machine_that_only_ipv6_reaches_draws_beside_another(person: Person, who_dials: str) -> None:
+    """Each has a splat server, so that packets go both ways."""
+    each = f'data-root = "{person.folder}"\nthreads = 1\nmap-shade-servers = 1\nsplat-servers = 1\n'
+    with sshd(person.folder / "six", address="::1") as six, sshd(person.folder / "four") as four:
+        machines = [each + who_dials.format(port=free_port()) + six, each + four]
+        path = str(cluster_file(person.folder, f"six-{os.getpid()}", *machines))
+        try:
+            said = person.runs("deploy", "doctor", path, "head.nrrd")
+            assert said.returncode == 0, said.stdout + said.stderr
+            assert drawn(person, "--cluster", path) == drawn(person, "--single")
+        finally:
+            assert person.runs("deploy", "down", path).returncode == 0
+
+
 def test_a_port_that_a_tunnel_does_not_get_is_named(person: Person) -> None:
     """The client and its sshd are one machine here, so that the client itself has taken the port."""
     with sshd(person.folder / "sshd") as machine:

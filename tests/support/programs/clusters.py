@@ -56,7 +56,7 @@ def drawn(person: Person, *options: str) -> bytes:
 
 
 @contextmanager
-def sshd(folder: Path, *settings: str) -> Iterator[str]:
+def sshd(folder: Path, *settings: str, address: str = "127.0.0.1") -> Iterator[str]:
     """A daemon that lets this user in; what a machine's table in a cluster file needs for it. `settings` are sshd's."""
     if not Path(SSHD).exists() or shutil.which("ssh") is None:
         pytest.skip("needs sshd and ssh (Debian: openssh-server, openssh-client)")
@@ -67,7 +67,7 @@ def sshd(folder: Path, *settings: str) -> Iterator[str]:
     port = free_port()
     config = folder / "sshd_config"
     config.write_text(
-        f"Port {port}\nListenAddress 127.0.0.1\nHostKey {folder}/host_key\nPidFile {folder}/pid\nUsePAM no\n"
+        f"Port {port}\nListenAddress {address}\nHostKey {folder}/host_key\nPidFile {folder}/pid\nUsePAM no\n"
         f"AuthorizedKeysFile {folder}/authorized_keys\nStrictModes no\nPasswordAuthentication no\n"
         + "".join(f"{line}\n" for line in (f"SetEnv XDG_STATE_HOME={folder}/state", *settings)),
         encoding="utf-8",
@@ -83,7 +83,7 @@ def sshd(folder: Path, *settings: str) -> Iterator[str]:
         options = ["-p", str(port), "-i", f"{folder}/user_key", "-o", "StrictHostKeyChecking=no"]
         options += ["-o", f"UserKnownHostsFile={folder}/known_hosts", "-F", "none"]
         command = Path(sys.executable).parent / "volsplat"
-        yield f'launcher = "ssh"\nhost = "127.0.0.1"\ncommand = "{command}"\nssh = {{options = {options!r}}}\n'
+        yield f'launcher = "ssh"\nhost = "{address}"\ncommand = "{command}"\nssh = {{options = {options!r}}}\n'
     finally:
         daemon.terminate()
         daemon.wait(PATIENCE)
