@@ -118,8 +118,8 @@ def _can_be_told(name: str) -> bool:
 
 def _leads_below(root: Path, link: Path) -> bool:
     try:
-        return link.resolve().is_relative_to(root)
-    except (OSError, RuntimeError):  # a ring of links
+        return link.resolve(strict=True).is_relative_to(root)
+    except (OSError, RuntimeError):  # it leads nowhere, or is a ring of links
         return False
 
 
