@@ -14,9 +14,8 @@ from volsplat.protocol.text.printable import one_line
 
 SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
-BATCH = (  # nobody is there to be asked, or to read a banner
-    *("-o", "BatchMode=yes"), *("-o", f"ConnectTimeout={CONNECT_SECONDS}"), *("-o", "LogLevel=ERROR"),
-)  # fmt: skip
+# Nobody is there to be asked, or to read a banner.
+BATCH = ("-oBatchMode=yes", f"-oConnectTimeout={CONNECT_SECONDS}", "-oLogLevel=ERROR")
 BEGUN = "volsplat-begins"
 _BEGINS = f"printf '\\n{BEGUN}\\n'; printf '\\n{BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
