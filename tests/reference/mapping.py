@@ -5,6 +5,7 @@ Exact positions follow the view's definition in real numbers (design, section 5)
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -60,6 +61,7 @@ def rotated(quaternion: tuple[float, float, float, float], vectors: Tensor) -> T
     return result
 
 
+@lru_cache(8)  # one frame asks many times
 def steps_on_screen(scene: Scene, geometry: Geometry) -> Tensor:
     """(3, 3) float64: the columns are a step of i, j and k in pixels, x right, y UP, z to the viewer."""
     matrix = torch.tensor(geometry.index_to_physical, dtype=torch.float64)

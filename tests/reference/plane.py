@@ -1,5 +1,6 @@
 """The 2-D table over density and strength in plain float64 torch."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import torch
@@ -16,6 +17,7 @@ class PlaneTable(NamedTuple):
     refl: Tensor
 
 
+@lru_cache(8)  # of 4 MB each; a frame asks for its own once for each slab
 def plane_table(patches: Patches) -> PlaneTable:
     opacities = torch.stack([_opacities(patch) for patch in patches])
     total = opacities.sum(dim=0)

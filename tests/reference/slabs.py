@@ -18,7 +18,7 @@ from reference.footprint import integral
 from reference.plane import plane_table
 from reference.slab_kernels import slab_density
 from reference.slab_light import BlockLight, block_light
-from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Step
+from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, SlabKernel, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
@@ -87,18 +87,18 @@ def reconstructed(
     weights, densities = (torch.zeros(math.prod(shape), dtype=torch.float64) for _ in range(2))
     box = torch.cartesian_prod(*(torch.arange(-n, n + 2) for n in before))  # (m, 3) of x, y and plane
     first = position.floor().long()
-    for part in torch.split(torch.arange(len(indices)), max(1, 4_000_000 // len(box))):
-        place = first[part, None] + box
-        off = place - position[part, None]
-        rho = ((off @ form) * off).sum(dim=-1).clamp(min=0).sqrt()
-        x, y, plane = (place[..., 0] + aside, place[..., 1] + aside, place[..., 2])
+    for part in torch.split(torch.arange(len(indices)), max(1, 100_000 // len(box))):
+        off = (first - position)[part, None] + box
+        rho = torch.einsum("nma,nma->nm", off @ form, off).clamp(min=0).sqrt()
+        within = rho < SLAB_RADIUS[scene.reconstruction.slab_kernel]
+        voxel, offset = within.nonzero(as_tuple=True)
+        x, y, plane = (first[part[voxel]] + box[offset] + torch.tensor((aside, aside, 0))).unbind(dim=-1)
         inside = (0 <= x) & (x < shape[2]) & (0 <= y) & (y < shape[1]) & (0 <= plane) & (plane < shape[0])
-        inside &= rho < SLAB_RADIUS[scene.reconstruction.slab_kernel]
-        weight = unit * gain * _kernel(scene, rho[inside])
+        weight = unit * gain * _kernel(scene, rho[within][inside])
         weight = weight if exact else (weight + 0.5).floor()
         at = ((plane * shape[1] + y) * shape[2] + x)[inside]
         weights.index_add_(0, at, weight)
-        densities.index_add_(0, at, weight * density[part, None].expand_as(rho)[inside])
+        densities.index_add_(0, at, weight * density[part[voxel]][inside])
     least_known = LEAST_KNOWN[scene.reconstruction.slab_kernel]
     return Planes(weights.reshape(shape), densities.reshape(shape), unit, least_known)
 
@@ -144,9 +144,13 @@ def _form(scene: Scene, geometry: Geometry) -> tuple[Tensor, float]:
 def _kernel(scene: Scene, rho: Tensor) -> Tensor:
     """The kernel of unit integral over space, at distances within its radius."""
     kernel = scene.reconstruction.slab_kernel
+    return slab_density(kernel, rho) / _over_space(kernel)
+
+
+@cache
+def _over_space(kernel: SlabKernel) -> Tensor:
     end = torch.tensor([SLAB_RADIUS[kernel]], dtype=torch.float64)
-    whole = integral(lambda r: 4 * math.pi * r**2 * slab_density(kernel, r), end)
-    return slab_density(kernel, rho) / whole
+    return integral(lambda r: 4 * math.pi * r**2 * slab_density(kernel, r), end)
 
 
 def _shaded(
@@ -175,12 +179,12 @@ def _shaded(
     # From here on the pixels that are drawn (n), since each has 256 entries of every table.
     one, other, gradient, place = (values[drawn] for values in (one, other, gradient, place))
     fields = _fields(one, other, gradient, place, geometry, quantisation, plan)
-    low, high = _span(one, other)
+    shares = _shares(one, other)
     if scene.plane.patches:
-        depth, emitted, reflected = _by_plane(scene, fields, low, high)
+        depth, emitted, reflected = _by_plane(scene, fields, shares)
     else:
-        depth = _mean(_depths(scene, fields), low, high)
-        emitted, reflected = (_colour(scene, table, fields, low, high) for table in ("emit", "refl"))
+        depth = (_depths(scene, fields) * shares).sum(dim=-1)
+        emitted, reflected = (_colour(scene, table, fields, shares) for table in ("emit", "refl"))
     active = active_shading(scene, Step.G)
     lamp, sky = light.at(place, gradient)
     seen = reflected * (_light(gradient, scene) * (1 - scene.light.shadows * (1 - lamp)))[..., None]
@@ -287,30 +291,28 @@ def _fields(
     return found
 
 
-def _span(one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
-    """Of densities, entry n of a table lying from n to n + 1: one entry wide at least."""
+def _shares(one: Tensor, other: Tensor) -> Tensor:
+    """(n, 256): each entry's share of those between two densities.
+
+    Entry n of a table lies from n to n + 1; they are one entry wide at least.
+    """
     middle, half = (one + other) / 2 + 0.5, ((other - one).abs() / 2).clamp(min=0.5)
-    return (middle - half).clamp(0, 255.5), (middle + half).clamp(0.5, 256)
-
-
-def _mean(entries: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """The mean of entries (..., 256) between two places (n)."""
-    cell = torch.arange(256)
+    low, high = (middle - half).clamp(0, 255.5), (middle + half).clamp(0.5, 256)
+    cell = torch.arange(256, dtype=torch.float64)
     within = (torch.minimum(high[..., None], cell + 1) - torch.maximum(low[..., None], cell)).clamp(min=0)
-    return (entries * within).sum(dim=-1) / (high - low)
+    return within / (high - low)[..., None]
 
 
-def _by_plane(scene: Scene, fields: dict[Field, Tensor], low: Tensor, high: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Depth (H, W), emitted and reflected colour (H, W, 3): of the row of entries of each pixel's strength."""
+def _by_plane(scene: Scene, fields: dict[Field, Tensor], shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Depth (n), emitted and reflected colour (n, 3): of the row of entries of each pixel's strength."""
     table, strength = plane_table(scene.plane.patches), fields[Field.STRENGTH]
-    depths = -torch.log1p(-table.opacity[strength].clamp(max=MOST_OPAQUE))
-    depth = _mean(depths, low, high)
-    means = [
-        torch.stack([_mean(depths * colours[strength][..., n], low, high) for n in range(3)], dim=-1)
-        for colours in (table.emit, table.refl)
-    ]
-    emitted, reflected = (mean / depth.clamp(min=1e-300)[..., None] for mean in means)
-    return depth, emitted, reflected
+    depths = -torch.log1p(-table.opacity.clamp(max=MOST_OPAQUE))
+    depth, *colours = (
+        torch.einsum("nd,ndc->nc", shares, entries[strength])
+        for entries in (depths[..., None], depths[..., None] * table.emit, depths[..., None] * table.refl)
+    )
+    emitted, reflected = (colour / depth.clamp(min=1e-300) for colour in colours)
+    return depth[:, 0], emitted, reflected
 
 
 def _depths(scene: Scene, fields: dict[Field, Tensor]) -> Tensor:
@@ -337,16 +339,16 @@ def _opacity(scene: Scene, fields: dict[Field, Tensor] | None) -> Tensor:
     return opacity
 
 
-def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], low: Tensor, high: Tensor) -> Tensor:
+def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], shares: Tensor) -> Tensor:
     """(n, 3): of a table that density indexes the mean, by the depth that density alone gives."""
     entries = _entries(getattr(scene.tables, table))
     field = getattr(scene.cross_bar, table)
     if field != Field.DENSITY:
         return entries[fields[field]]
     depth = -torch.log1p(-_opacity(scene, None).clamp(max=MOST_OPAQUE))
-    whole = _mean(depth, low, high)
-    means = [_mean(depth * entries[:, channel], low, high) / whole.clamp(min=1e-300) for channel in range(3)]
-    return torch.where((whole < 1e-12)[..., None], entries[fields[field]], torch.stack(means, dim=-1))
+    whole = (shares @ depth)[..., None]
+    means = shares @ (depth[:, None] * entries) / whole.clamp(min=1e-300)
+    return torch.where(whole < 1e-12, entries[fields[field]], means)
 
 
 def _light(gradient: Tensor, scene: Scene) -> Tensor:
