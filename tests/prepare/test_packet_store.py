@@ -5,6 +5,8 @@ import json
 import shutil
 import sys
 import zlib
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -234,21 +236,49 @@ def files_of(folder: Path) -> list[Path]:
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
 
 
-def read_whole(place: str) -> list[object]:
-    """All that anybody reads of a store."""
+def read_packets(store: PacketStore, level: int) -> bytes:
+    return store.read(level, store.levels[level].box).tobytes()
+
+
+def read_bricks(store: PacketStore, level: int) -> bytes:
+    return store.bricks(level).tobytes()
+
+
+def what_voxels_stand_for(store: PacketStore, level: int) -> bytes:
+    mixture = store.mixture(level)
+    assert mixture is not None
+    return mixture.means(np.arange(65536.0)[:, None]).tobytes()
+
+
+def seen_in_columns(store: PacketStore, level: int) -> list[object]:
+    mixture = store.mixture(level)
+    assert mixture is not None and mixture.columns is not None
+    seen = [mixture.columns.seen(axis, True, *REFLECTED) for axis in range(3)]
+    return [(*one.emitted, *(part.tobytes() for reflected in one.reflected for part in reflected)) for one in seen]
+
+
+def readings(store: PacketStore) -> dict[str, Callable[[], object]]:
+    """Of each array of a store, what is read of it."""
+    found: dict[str, Callable[[], object]] = {
+        "histograms/density": lambda: store.density_counts,
+        "histograms/strength": lambda: store.strength_counts,
+        "blocks": lambda: store.extremes,
+    }
+    for n in range(len(store.levels)):
+        found[str(n)] = partial(read_packets, store, n)
+        found[f"bricks/{n}"] = partial(read_bricks, store, n)
+        if n:
+            found[f"mixtures/{n}"] = partial(what_voxels_stand_for, store, n)
+            found[f"columns/{n}"] = partial(seen_in_columns, store, n)
+    return found
+
+
+def read_whole(place: str, first: Path = Path()) -> dict[str, object]:
+    """All that anybody reads of a store; first the array that a file is of: if it is refused, the rest need not be."""
     store = open_store(place)
-    levels = [(store.read(n, level.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)]
-    table = np.arange(65536.0)[:, None]
-    mixtures = [mixture.means(table).tobytes() for n in range(len(levels)) if (mixture := store.mixture(n))]
-    seen = [
-        mixture.columns.seen(axis, True, *REFLECTED)
-        for n in range(len(levels))
-        if (mixture := store.mixture(n)) and mixture.columns
-        for axis in range(3)
-    ]
-    columns = [(*one.emitted, *(part.tobytes() for reflected in one.reflected for part in reflected)) for one in seen]
-    known = [store.description, store.quantisation, store.density_counts, store.strength_counts]
-    return [*known, *levels, *mixtures, *columns]
+    found = readings(store)
+    arrays = sorted(found, key=lambda array: not first.is_relative_to(array))
+    return {"itself": (store.description, store.quantisation), **{array: found[array]() for array in arrays}}
 
 
 def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(tmp_path: Path) -> None:
@@ -265,7 +295,7 @@ def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(tmp_path:
             spoilt = sound[:at] + bytes(byte ^ 0x55 for byte in sound[at : at + 4]) + sound[at + 4 :]
             (copy / name).write_bytes(spoilt)
             try:
-                assert read_whole(str(copy)) == as_written, (name, at)
+                assert read_whole(str(copy), name) == as_written, (name, at)
             except BadInput as refusal:
                 refused += 1
                 assert len(str(refusal).splitlines()) == 1
