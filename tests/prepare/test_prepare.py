@@ -337,9 +337,9 @@ print(peak_memory())
 
 def test_memory_is_bounded_whatever_the_size(tmp_path: Path) -> None:
     memory = 168 * MIB
-    dims = (320, 256, 352)
+    dims = (320, 240, 304)
     sheet = np.random.default_rng(2).integers(0, 4000, (dims[1], dims[0])).astype(np.uint16)
-    volume = tmp_path / "large_320x256x352_uint16.raw"
+    volume = tmp_path / "large_320x240x304_uint16.raw"
     with volume.open("wb") as file:
         for k in range(dims[2]):
             file.write((sheet + k).tobytes())
