@@ -172,12 +172,15 @@ def _splat_cells(
     # Visible samples by (sheet, row, sample); -1 where there is none.
     found = torch.full((counts[0], counts[1], counts[2]), -1, dtype=torch.int64)
     found[tuple(shaded.samples.ordinals.unbind(1))] = torch.arange(len(shaded.opacity))
+    pixels, samples = [torch.zeros(0, dtype=torch.int64)], [torch.zeros(0, dtype=torch.int64)]
     for sheet in torch.unique(shaded.samples.ordinals[:, 0]).tolist():
         for row, sample in cells_on_the_way(plan, sheet, (scene, geometry) if exact else None):
             pixel = torch.nonzero((row >= 0) & (sample >= 0)).flatten()
             which = found[sheet, row[pixel], sample[pixel]]
-            pixel, which = pixel[which >= 0], which[which >= 0]
-            combining.combine(scene.order, buffer, pixel, shaded.opacity[which], shaded.colour[which])
+            pixels.append(pixel[which >= 0])
+            samples.append(which[which >= 0])
+    which = torch.cat(samples)
+    combining.combine(scene.order, buffer, torch.cat(pixels), shaded.opacity[which], shaded.colour[which])
 
 
 def cells_on_the_way(
