@@ -125,10 +125,13 @@ def test_prepare_reads_a_file_in_rows_three_times(tmp_path: Path) -> None:
 
 
 def test_a_survey_keeps_no_slab() -> None:
-    """Slabs thinner than a brick: of most of them no voxel is looked at for the background."""
-    geometry = Geometry((256, 256, 384))
+    """Slabs thinner than a brick: of most of them no voxel is looked at for the background.
+
+    They are wide and few, since what is known of the volume's blocks is traced anew with each.
+    """
+    geometry = Geometry((512, 512, 128))
     reader = SlabReader(
-        geometry, "uint8", (256, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), slab_bytes=8 * 256 * 256
+        geometry, "uint8", (512, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), slab_bytes=8 * 512 * 512
     )
     tracemalloc.start()
     try:
