@@ -11,6 +11,7 @@ from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -235,7 +236,7 @@ def _opened(path: Path, part: str) -> OpenedVolume:
 
 def head_of(path: Path) -> tuple[bool, bytes]:
     """Whether the file is gzip, and its first bytes, unzipped if they can be."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         head = file.read(HEAD_BYTES)
     if head.startswith(GZIP_MAGIC):
         try:

@@ -12,6 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"CDF"
@@ -46,7 +47,7 @@ class Variable:
 
 def netcdf_variables(path: Path) -> dict[str, Variable]:
     """The variables by their names. Raises BadInput if the header is damaged or truncated."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return _Header(path, file).variables()
 
 

@@ -20,6 +20,7 @@ from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayG
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import plain_values
 from volsplat.mapshade_server.readers.arrays.array_volume import Pick, array_told, array_volume, choose_one
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Index
@@ -46,7 +47,7 @@ def open_npy(path: Path, part: str) -> OpenedVolume:
     chosen = array_part(path, part)
     if chosen.path:
         raise BadInput(f"{path}: holds one array, it has no part “{chosen.path}”; leave out #{chosen.path}")
-    with path.open("rb") as file:
+    with opened(path) as file:
         return _stored(chosen, _array(chosen, file))
 
 
@@ -123,7 +124,7 @@ def _member(part: ArrayPart, archive: zipfile.ZipFile) -> zipfile.ZipInfo:
 
 def _offset(path: Path, member: zipfile.ZipInfo) -> int:
     """Where in the file the stored bytes of the member start."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         file.seek(member.header_offset)
         head = file.read(MEMBER_HEADER_BYTES)
     name, extra = int.from_bytes(head[26:28], "little"), int.from_bytes(head[28:30], "little")

@@ -14,6 +14,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import BYTE_ORDERS, Piece, StoredVoxels, unpacked_size
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume
@@ -82,7 +83,7 @@ def _in_sidecar(path: Path) -> dict[str, str]:
     if not sidecar.is_file():
         return {}
     try:
-        with sidecar.open("rb") as file:
+        with opened(sidecar) as file:
             entries = tomllib.loads(file.read(LONGEST_SIDECAR).decode())
     except ValueError as error:  # TOML's own and UTF-8's
         raise BadInput(f"{sidecar}: is not TOML ({' '.join(str(error).split())}); correct the file") from None

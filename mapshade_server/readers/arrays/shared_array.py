@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume
 from volsplat.protocol.description.shared_array import MARK, PAGE_BYTES, SharedArray, header_bytes, shared_array
@@ -29,7 +30,7 @@ def open_shared_array(path: Path, part: str) -> OpenedVolume:
 
 def _told(path: Path) -> SharedArray:
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             head = file.read(PAGE_BYTES)
             told = shared_array(head + file.read(header_bytes(head) - len(head)))
         if told.description.scalar_type not in SCALAR_TYPES or told.description.second_scalar is not None:

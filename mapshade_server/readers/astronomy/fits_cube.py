@@ -21,6 +21,7 @@ from volsplat.mapshade_server.readers.astronomy.fits_tiles import check_tiles_wi
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import index_in, part_options
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
@@ -89,7 +90,7 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
         try:
             # The file is opened here since astropy leaves it open if it fails, and not mapped since one that is cut
             # short meanwhile would end the process.
-            with path.open("rb") as file, fits.open(file, memmap=False, do_not_scale_image_data=True, **how) as hdus:
+            with opened(path) as file, fits.open(file, memmap=False, do_not_scale_image_data=True, **how) as hdus:
                 yield hdus
         except BadInput:
             raise

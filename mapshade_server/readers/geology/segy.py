@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.geology.segy_traces import (
 )
 from volsplat.mapshade_server.readers.geology.survey_geometry import DEFAULT_VELOCITY, Spot, Vertical, placed
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import part_options
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.description.kind import Kind
@@ -184,7 +185,7 @@ def _field_places() -> set[int]:
 
 def _byte_order(path: Path) -> ByteOrder:
     """By the code of the sample format, which is a small number in the right order alone."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         head = file.read(LEAST_BYTES)
     if len(head) < LEAST_BYTES:
         raise BadInput(f"{path}: is too short for a SEG-Y file with a trace; fetch or export it again")

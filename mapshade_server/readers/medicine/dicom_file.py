@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_values import (
     words_of,
 )
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.geometry import matrices
@@ -124,7 +125,7 @@ def dicom_file(path: Path) -> DicomFile | None:
     """
     pydicom = library("pydicom", "DICOM")
     try:
-        with path.open("rb") as file, warnings.catch_warnings():
+        with opened(path) as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of values that are against the standard: those that matter are checked
             head = pydicom.dcmread(file, stop_before_pixels=True, force=True)
             return _told(path, head, file)

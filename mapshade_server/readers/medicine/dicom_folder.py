@@ -13,6 +13,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_file import (
 )
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
 DIRECTORY_NAMES = ("DICOMDIR", "dicomdir", "DICOMDIR.", "DICOMDIR.;1")  # as discs are mounted
@@ -47,7 +48,7 @@ def _images(folder: Path) -> Iterator[DicomFile]:
 
 def _image(path: Path) -> DicomFile | None:
     """What a file says, None if it is no image of DICOM."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         head = file.read(PREAMBLE + 4)
     if recognises(head):
         return dicom_file(path)

@@ -17,6 +17,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.reading.codestream_size import check_codestream
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -105,7 +106,7 @@ class Pixels:
 
     def _packed(self, frame: int) -> bytes:
         """The frame's packed bytes: one fragment of as many, or as the file's own table of frames has it."""
-        with self.path.open("rb") as file:
+        with opened(self.path) as file:
             if len(self.fragments) == self.frames:
                 offset, length = self.fragments[frame]
                 file.seek(offset)

@@ -14,6 +14,7 @@ from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.mapshade_server.readers.reading.named_files import named_file
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels, numbered_names
@@ -126,7 +127,7 @@ def _axis_letters(geometry: Geometry) -> str:
 def _fields(path: Path) -> tuple[dict[str, str], int]:
     """The header's fields, and where it ends: after ElementDataFile, or the list of files that this announces."""
     fields: dict[str, str] = {}
-    with path.open("rb") as file:
+    with opened(path) as file:
         while "ElementDataFile" not in fields:
             line = file.readline(LONGEST_HEADER).decode("utf-8", "replace")
             if not line or file.tell() > LONGEST_HEADER:

@@ -15,6 +15,7 @@ from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.named_files import named_file
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, header_of
@@ -220,7 +221,7 @@ def _data_files(header: NrrdHeader) -> list[str]:
 
 
 def _after_lines(path: Path, offset: int, lines: int) -> int:
-    with path.open("rb") as file:
+    with opened(path) as file:
         file.seek(offset)
         for _ in range(lines):
             file.readline()

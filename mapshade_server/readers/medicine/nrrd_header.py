@@ -5,6 +5,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 
@@ -78,7 +79,7 @@ def header_of_file(path: Path) -> NrrdHeader:
     fields: dict[str, str] = {}
     pairs: dict[str, str] = {}
     file_list: list[str] = []
-    with path.open("rb") as file:
+    with opened(path) as file:
         file.readline(LONGEST_LINE)  # the magic, which was recognised
         while (line := file.readline(LONGEST_LINE)).strip():
             text = line.decode("utf-8", "replace").strip()

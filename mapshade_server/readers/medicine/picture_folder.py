@@ -16,6 +16,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.medicine.slice_files import is_for, slices_in
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -108,7 +109,7 @@ def _told(path: Path) -> _Picture:
 
 def _check_ends(path: Path) -> None:
     """Raises BadInput if a picture has no end: of a JPEG what is missing would be drawn grey."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         file.seek(max(path.stat().st_size - TAIL_BYTES, 0))
         if ENDS.get(path.suffix.lower(), b"") not in file.read():
             raise BadInput(f"{path}: is truncated, it ends before its picture does; fetch or export it again")

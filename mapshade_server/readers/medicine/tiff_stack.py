@@ -18,6 +18,7 @@ from volsplat.mapshade_server.readers.medicine.tiff_place import Place, placed, 
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.named_files import named_file
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, index_in, part_options
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
@@ -239,13 +240,13 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
 
 def _decoded(pages: Sequence[TiffPage], box: Box, scalar_type: str) -> Voxels:
     voxels = voxel_room(box, scalar_type, pages[0].path)
-    opened = None
+    file = None
     with ExitStack() as files:
         for n, page in enumerate(pages[box.low[2] : box.high[2]]):
-            if opened is None or opened.name != str(page.path):
+            if file is None or file.name != str(page.path):
                 files.close()
-                opened = files.enter_context(page.path.open("rb"))
-            voxels[n] = page.read(opened, box)
+                file = files.enter_context(opened(page.path))
+            voxels[n] = page.read(file, box)
     return voxels
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
 Floats = NDArray[np.float64]
@@ -150,7 +151,7 @@ def _check_mtz(path: Path) -> None:
     """Raises BadInput if the file cannot hold what its header promises; gemmi would make room for it first."""
     size = path.stat().st_size
     truncated = BadInput(f"{path}: is truncated or its header is wrong, it promises more than the file holds")
-    with path.open("rb") as file:
+    with opened(path) as file:
         head = file.read(_MTZ_HEAD)
         if head.startswith(GZIP_MAGIC):
             raise BadInput(f"{path}: is compressed; unzip it first")

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from io import BufferedIOBase
 from pathlib import Path
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -16,14 +17,14 @@ MOST_GROWTH_OF_TEXT = 50  # the densest packed coordinates grow tenfold
 
 def is_gzip(path: Path) -> bool:
     """Whether the file is compressed, whatever its name says."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
 
 
 @contextmanager
 def unzipped(path: Path) -> Iterator[BufferedIOBase]:
     """The file's bytes, unzipped if it is gzip. Raises BadInput if it cannot be unzipped."""
-    with gzip.open(path) if is_gzip(path) else path.open("rb") as file:
+    with gzip.open(path) if is_gzip(path) else opened(path) as file:
         try:
             yield file
         except (gzip.BadGzipFile, EOFError, zlib.error):

@@ -11,6 +11,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.vtk_files.vtk_choice import NamedArray
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.geometry.matrices import Vector
@@ -67,7 +68,7 @@ class LegacyHeader:
 
 def legacy_header(path: Path) -> LegacyHeader:
     """What the file says. Raises BadInput if it is another data set, damaged or truncated."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return _Parsing(path, file).run()
 
 

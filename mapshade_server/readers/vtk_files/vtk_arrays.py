@@ -17,6 +17,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, boxes_of, voxel_room
 from volsplat.protocol.description.volume import Box, Index
@@ -71,7 +72,7 @@ class VtkArray:
 
 def stored_voxels(array: VtkArray) -> StoredVoxels:
     """Raw numbers behind their length. Raises BadInput if they are not as many as the extent has."""
-    with array.path.open("rb") as file:
+    with opened(array.path) as file:
         file.seek(array.start)
         (length,) = _lengths(array, _raw(array, file, array.length_type.itemsize))
     array.check_length(length)
@@ -85,7 +86,7 @@ def text_voxels(array: VtkArray, end: int) -> ReadBox:
     """Reads numbers that are written out, up to the file's place `end`."""
 
     def whole() -> Voxels:
-        with array.path.open("rb") as file:
+        with opened(array.path) as file:
             file.seek(array.start)
             text = file.read(end - array.start)
         try:
@@ -105,7 +106,7 @@ def base64_voxels(array: VtkArray) -> ReadBox:
 
     def whole() -> Voxels:
         before = array.length_type.itemsize
-        with array.path.open("rb") as file:
+        with opened(array.path) as file:
             file.seek(array.start)
             array.check_length(*_lengths(array, _base64(array, file, before)))
             file.seek(array.start)
@@ -124,7 +125,7 @@ class BlockVoxels:
         self._base64 = base64
         self._unpacked = (-1, b"")  # the last block, and its number
         take, itemsize = _base64 if base64 else _raw, array.length_type.itemsize
-        with array.path.open("rb") as file:
+        with opened(array.path) as file:
             file.seek(array.start)
             count, self._block_bytes, last_bytes = _lengths(array, take(array, file, 3 * itemsize))
             file.seek(array.start)
@@ -144,7 +145,7 @@ class BlockVoxels:
     @cached_property
     def _packed(self) -> bytes:
         """All blocks as they were before base64."""
-        with self._array.path.open("rb") as file:
+        with opened(self._array.path) as file:
             file.seek(self._start)
             return _base64(self._array, file, self._bounds[-1])
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.vtk_files.vtk_choice import NamedArray
 from volsplat.protocol.text.errors import BadInput
 
@@ -65,7 +66,7 @@ class _Parsing:
 
     def run(self) -> VtkXml:
         try:
-            with self._path.open("rb") as file:
+            with opened(self._path) as file:
                 while chunk := file.read(PARSED_CHUNK):
                     self._parser.Parse(chunk, False)
             self._parser.Parse(b"", True)
@@ -117,7 +118,7 @@ class _Parsing:
         self._text_of = None
 
     def _find_appended(self) -> None:
-        with self._path.open("rb") as file:
+        with opened(self._path) as file:
             file.seek(self.xml.appended_start)
             match = re.match(rb"<[^>]*>\s*_", file.read(LONGEST_TAG))
         if match is None:
