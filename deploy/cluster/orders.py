@@ -2,7 +2,7 @@
 
 import socket
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
 from volsplat.deploy.launchers.launcher import ServerOrder
@@ -79,11 +79,11 @@ def _cores(machine: Machine, servers: int) -> list[str]:
 
 def _data_links(cluster: Cluster, machine: Machine, port: int) -> list[str]:
     """Where a splat server takes them: at this port if it is not 0, and on loopback if nobody comes from elsewhere."""
-    others = (one for one in cluster.machines if one.launcher != "local" and not one.behind_tunnel)
-    within = machine.hides_splat_servers or (machine.launcher == "local" and not any(others))
-    return (
-        ["--listen", str(Address(LOOPBACK if within else _everywhere_on(machine), port))] if port or not within else []
-    )
+    others = [one for one in cluster.machines if one.launcher != "local" and not one.behind_tunnel]
+    is_local = machine.launcher == "local"
+    if machine.hides_splat_servers or (is_local and not others):
+        return ["--listen", str(Address(LOOPBACK, port))] if port else []
+    return ["--listen", str(Address(everywhere_for(cluster, others) if is_local else _everywhere_on(machine), port))]
 
 
 def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
@@ -95,16 +95,14 @@ def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
     there = host_name(machine)
     if there is None:
         raise BadInput(f'{machine.title}: its servers must know where to dial; add client = "HOST:PORT", or listen')
+    cure = 'add client = "HOST:PORT", as it is reached from there'
     try:
-        family, place = _dialled(there)
-        with socket.socket(family, socket.SOCK_DGRAM) as asking:
-            asking.connect(place)
-            return str(Address(asking.getsockname()[0], listen_port))
+        _, own = _route(there)
     except OSError as error:
-        raise BadInput(
-            f'{machine.title}: no route to {there} is known ({error.strerror}); add client = "HOST:PORT", as it '
-            "is reached from there"
-        ) from error
+        raise BadInput(f"{machine.title}: no route to {there} is known ({error.strerror}); {cure}") from error
+    if "%" in own:
+        raise BadInput(f"{machine.title}: this machine's address towards {there}, {own}, holds on it alone; {cure}")
+    return str(Address(own, listen_port))
 
 
 def everywhere_for(cluster: Cluster, machines: Iterable[Machine]) -> str:
@@ -115,23 +113,34 @@ def everywhere_for(cluster: Cluster, machines: Iterable[Machine]) -> str:
 
 
 def _everywhere_on(machine: Machine) -> str:
-    return _everywhere(host_name(machine) or machine.title)
+    host = host_name(machine)
+    return EVERYWHERE if host is None else _everywhere(host)
 
 
 def _everywhere(host: str) -> str:
-    """On every address of IPv4, and of IPv6 too where nothing else is known to lead to this host."""
+    """On every address of IPv4, and of IPv6 too if nothing else is known to lead to this host."""
     try:
-        family, _ = _dialled(host)
+        family, _ = _route(host)
     except OSError:  # it is known elsewhere alone
         return EVERYWHERE
     return EVERYWHERE_6 if family == socket.AF_INET6 else EVERYWHERE
 
 
-def _dialled(host: str) -> tuple[socket.AddressFamily, tuple[Any, ...]]:
-    """How a host is reached, by IPv4 if it can be. Raises OSError."""
-    found = socket.getaddrinfo(host, DISCARD_PORT, type=socket.SOCK_DGRAM)
-    family, *_, place = min(found, key=lambda way: way[0] != socket.AF_INET)
-    return family, place
+def _route(host: str) -> tuple[socket.AddressFamily, str]:
+    """By which family a host is reached, IPv4 if it can be, and this machine's address towards it. Raises OSError."""
+    try:
+        ways = socket.getaddrinfo(host, DISCARD_PORT, type=socket.SOCK_DGRAM)
+    except UnicodeError as error:  # DNS has no such names
+        raise socket.gaierror(socket.EAI_NONAME, "it is no name") from error
+    failures = []
+    for family, *_, place in sorted(ways, key=lambda way: way[0] != socket.AF_INET):
+        try:
+            with socket.socket(family, socket.SOCK_DGRAM) as asking:
+                asking.connect(place)
+                return family, str(asking.getsockname()[0])
+        except OSError as error:
+            failures.append(error)
+    raise failures[0]
 
 
 def _reached_at(machine: Machine, waits: Address) -> str:

@@ -14,8 +14,7 @@ from volsplat.protocol.text.printable import one_line
 
 SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
-# Nobody is there to be asked, or to read a banner.
-BATCH = ("-oBatchMode=yes", f"-oConnectTimeout={CONNECT_SECONDS}", "-oLogLevel=ERROR")
+BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
 BEGUN = "volsplat-begins"
 _BEGINS = f"printf '\\n{BEGUN}\\n'; printf '\\n{BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
@@ -54,7 +53,7 @@ def ssh_command(machine: Machine, script: str, *options: str) -> list[str]:
 def _for_any_shell(script: str) -> str:
     """What any login shell, csh and fish as well, hands to a POSIX one: their quotes agree on all but these."""
     escaped = re.sub(r"[\\\n'!]", lambda found: f"\\0{ord(found[0]):03o}", script)
-    return f"""exec sh -c 'eval "$(printf %b "$0")"' '{escaped}'"""
+    return f"""exec sh -c 'eval "$(printf %b "$1")"' sh '{escaped}'"""
 
 
 def run_there(machine: Machine, script: str, given: str) -> str:

@@ -26,8 +26,9 @@ OWN_CONNECTION = (  # a shared one would carry the ports on after this end has g
 )  # fmt: skip
 OPEN = "volsplat-tunnel"
 
-# Says which process holds the ports there: that of sshd for this connection.
-_HOLDS = f'{PROCESS_FUNCTIONS}printf "{OPEN} %s %s\\n" "$PPID" "$(began $PPID)"\nexec cat >/dev/null\n'
+# Says which process holds the ports there: that of sshd for this connection. On a line of its own, whatever the login
+# shell has printed before.
+_HOLDS = f'{PROCESS_FUNCTIONS}printf "\\n{OPEN} %s %s\\n" "$PPID" "$(began $PPID)"\nexec cat >/dev/null\n'
 
 
 class Tunnel:
@@ -108,7 +109,7 @@ class Tunnel:
                         was_open = True
                         late.cancel()
                         self._begins(line.split()[1:])
-                    else:
+                    elif line.strip():
                         said.append(line)
             finally:
                 late.cancel()

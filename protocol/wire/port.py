@@ -205,6 +205,8 @@ def _bound(host: str, port: int) -> socket.socket:
     try:
         # Without it, a port stays unusable for minutes after a listener's connections have closed.
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)  # whatever this system's own choice is
         listening.bind(address)
         listening.listen(BACKLOG)
     except OSError as error:

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from volsplat.deploy.cluster.orders import ordered
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml
 from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.protocol.text.errors import BadInput
@@ -114,3 +115,12 @@ def toml(value: object) -> str:
         case dict():
             return "{" + ", ".join(f"{toml(key)} = {toml(inner)}" for key, inner in value.items()) + "}"
     return repr(value)
+
+
+@pytest.mark.parametrize(("host", "everywhere"), [("::1", "[::]:0"), ("127.0.0.1", "0.0.0.0:0")])
+def test_splat_servers_of_this_machine_listen_where_others_dial_it(host: str, everywhere: str) -> None:
+    here = '[[machines]]\nlauncher = "local"\nsplat-servers = 1\n'
+    there = f'[[machines]]\nlauncher = "ssh"\nhost = "{host}"\nmap-shade-servers = 1\n'
+    splat, _ = ordered(cluster_from_toml(f'name = "lab"\n{here}{there}', "lab.toml"), 7000)
+    arguments = splat.order.arguments
+    assert arguments[arguments.index("--listen") + 1] == everywhere

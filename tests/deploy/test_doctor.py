@@ -4,18 +4,22 @@ import os
 import re
 import subprocess
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
 
+from support.patience import PATIENCE
 from support.programs.clusters import cluster_file, sshd
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.deploy.cluster_file import read_cluster
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
 from volsplat.deploy.server_command import Program
+from volsplat.deploy.tunnels.ports import Way
+from volsplat.deploy.tunnels.tunnel import Tunnel
 from volsplat.protocol.description.volume import Geometry
 
 BOTH = "map-shade-servers = 1\nsplat-servers = 1\n"
@@ -76,6 +80,9 @@ def test_what_a_login_shell_prints_as_it_starts_is_passed_over(person: Person, t
         machine = f'data-root = "{person.folder}/there"\nthreads = 1\n{BOTH}{ssh}'
         said = looks(person, machine)
         assert said.returncode == 0, said.stdout + said.stderr
+        (there,) = read_cluster(person.folder / "cluster.toml").machines
+        with closing(Tunnel(Way(there, (), ()), print)) as tunnel:
+            assert tunnel.failure(PATIENCE) == ""
         path = str(person.folder / "cluster.toml")
         try:
             assert person.runs("deploy", "up", path).returncode == 0

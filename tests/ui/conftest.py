@@ -10,6 +10,13 @@ import pytest
 
 from support.pages.viewed import HEAD, KeptView, Viewed, written
 
+_failed: list[str] = []  # tests of the page, also those that are tried once more
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.outcome not in ("passed", "skipped"):
+        _failed.append(report.nodeid)
+
 
 @pytest.fixture(scope="session")
 def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -24,4 +31,4 @@ def kept_view(volume: Path) -> Iterator[KeptView]:
 
 @pytest.fixture
 def view(kept_view: KeptView, request: pytest.FixtureRequest) -> Viewed:
-    return kept_view.lent(request.path.name, request.session.testsfailed)
+    return kept_view.lent(request.path.name, len(_failed))

@@ -125,7 +125,7 @@ def _watched(process: Begun | Popen[str], person: Person) -> Iterator[Viewed]:
 class KeptView:
     """A volume viewed in a folder, for many tests, also of several modules: each module begins with the first scene.
 
-    The command is begun anew once a test has failed.
+    What can be undone goes on from module to module. The command is begun anew once a test has failed.
     """
 
     def __init__(self, folder: Path, volume: Path, *options: str) -> None:
