@@ -58,9 +58,16 @@ class ClusterServers:
             raise
 
     def _with_both_kinds(self, state: ClusterState) -> ClusterState:
-        """Without machines that failed at `deploy up`, except the only ones of a kind, which are tried again."""
-        if {one.program for one in state.servers} < set(Program):
-            return self._running.up(self._report)
+        """Without machines that failed at `deploy up`; if a kind is missing, all that failed are tried again."""
+        if not _has_both_kinds(state):
+            try:
+                return self._running.up(self._report)
+            except BadInput as error:
+                now = self._running.state()
+                if now is None or not _has_both_kinds(now):
+                    raise
+                self._report(str(error))
+                return now
         for title, line in self._running.never_started(state):
             self._report(f"{title}: {line}")
         return state
@@ -213,8 +220,11 @@ class ClusterServers:
         again = [name for name in ended if self._restarts[name].may_restart()]
         if again:
             seen.difference_update(again)
-            state = self._running.up(self._report, anew=again)
-            self._known = {one.started.name: one for one in state.servers}
+            try:
+                self._running.up(self._report, anew=again)
+            finally:
+                if (state := self._running.state()) is not None:
+                    self._known = {one.started.name: one for one in state.servers}
 
     def _reachable_for(self, seconds: float, name: str) -> bool:
         return self._tunnels is None or self._tunnels.open_for(self._known[name].machine) > seconds
@@ -227,3 +237,7 @@ class ClusterServers:
         with self._lock:
             known = [self._cut_off(name) or self._why.get(name, f"{name} has not joined") for name in missing]
         return "; ".join(dict.fromkeys(known))
+
+
+def _has_both_kinds(state: ClusterState) -> bool:
+    return {one.program for one in state.servers} == set(Program)

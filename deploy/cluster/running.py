@@ -77,18 +77,20 @@ class RunningCluster:
         return state
 
     def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
-        """Start what is missing, and others in the place of the servers named `anew`, once these have ended.
+        """Start what is missing; or, in the place of the servers named `anew` alone, others, once these have ended.
 
-        Raises BadInput, which names every machine that failed; the others are up then.
+        Raises BadInput, which names every machine that failed; the others are up then. A server whose place nobody
+        has taken stays known as one that has ended.
         """
         with self.folder.locked():
             state = self.state() or ClusterState(file=self._text, listen_port=_free_port(self.cluster))
             said = self._states(self.cluster, state)
             living = [one for one in state.servers if said[one.started.name].state is not ServerState.ENDED]
             self._stop(self.cluster, [one for one in living if one.started.name in anew])
-            known = {one.started.name: one for one in living if one.started.name not in anew}
+            known = {one.started.name: one for one in (state.servers if anew else living)}
             wanted = ordered(self.cluster, state.listen_port)
-            missing = [one for one in wanted if one.order.name not in known]
+            due = set(anew) or {one.order.name for one in wanted} - known.keys()
+            missing = [one for one in wanted if one.order.name in due]
             self.folder.save(state)
             failed = self._start(state, missing, report, known)
             state = msgspec.structs.replace(state, servers=tuple(known.values()))

@@ -50,7 +50,8 @@ def status(address: Address, path: str, **headers: str) -> int:
         ) as answer:
             return int(answer.status)
     except urllib.error.HTTPError as error:
-        return error.code
+        with error:
+            return error.code
 
 
 @pytest.fixture
