@@ -105,12 +105,13 @@ def chromium() -> Iterator[Chromium]:
 @pytest.fixture(scope="module")
 def browser(chromium: Chromium) -> Iterator[Browser]:
     """It, with a first context, that of `browser_page`, in which what tests load from one server is loaded and compiled
-    once. It is emptied after each module.
+    once. It is emptied after each module, and its tab closed: Playwright never forgets what to do with WebSockets.
     """
     with chromium.lent() as lent:
         context = lent.contexts[0] if lent.contexts else _patient(lent, viewport=_WINDOW)
         yield lent
         _forget(context, _origins(context))
+        close_tab(_tab(context))
 
 
 @pytest.fixture
