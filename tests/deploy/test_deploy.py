@@ -252,6 +252,26 @@ def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -
         assert person.runs("deploy", "down", path).returncode == 0
 
 
+def test_a_server_is_started_anew_without_what_could_not_be_started(person: Person) -> None:
+    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
+    broken = f'launcher = "ssh"\nhost = "127.0.0.1"\n{options}map-shade-servers = 1\n'
+    whole = LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n"
+    path = cluster_file(person.folder, "in-part", whole, broken)
+    volume, said = person.folder / "head.nrrd", list[str]()
+    try:
+        assert person.runs("deploy", "up", str(path)).returncode == 2
+        with SingleProcess(volume) as single, Session(volume, cluster=path, on_progress=said.append) as session:
+            scene = session.default_scene()
+            before = processes(person)
+            os.kill(before[0], signal.SIGKILL)
+            wait_until(lambda: len(set(processes(person)) - set(before)) == 1, "started anew")
+            wait_until(lambda: [one.lost for one in session.servers].count(False) == 2 < len(session.servers), "joined")
+            assert torch.equal(session.render(scene), single.render(scene))
+        assert not any("connect to host" in line for line in said), said
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
 @pytest.mark.parametrize("left", ["nothing", "one kind"])
 def test_where_a_kind_of_server_could_not_be_started_a_client_is_told_why(person: Person, left: str) -> None:
     options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
