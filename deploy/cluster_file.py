@@ -66,6 +66,11 @@ class Machine(Table, frozen=True, kw_only=True):
         return self.launcher == "ssh" and self.ssh.tunnel
 
     @property
+    def comes_by_loopback(self) -> bool:
+        """Whether its servers dial their own loopback: the client's machine is theirs, or ssh carries what they say."""
+        return self.launcher == "local" or self.behind_tunnel
+
+    @property
     def hides_splat_servers(self) -> bool:
         """Whether servers elsewhere reach its splat servers by a tunnel alone."""
         return self.behind_tunnel and self.splat_servers > 0 and self.advertise is None

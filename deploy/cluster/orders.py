@@ -79,7 +79,7 @@ def _cores(machine: Machine, servers: int) -> list[str]:
 
 def _data_links(cluster: Cluster, machine: Machine, port: int) -> list[str]:
     """Where a splat server takes them: at this port if it is not 0, and on loopback if nobody comes from elsewhere."""
-    others = [one for one in cluster.machines if one.launcher != "local" and not one.behind_tunnel]
+    others = [one for one in cluster.machines if not one.comes_by_loopback]
     is_local = machine.launcher == "local"
     if machine.hides_splat_servers or (is_local and not others):
         return ["--listen", str(Address(LOOPBACK, port))] if port else []
@@ -88,7 +88,7 @@ def _data_links(cluster: Cluster, machine: Machine, port: int) -> list[str]:
 
 def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
     """Where servers of this machine dial the client."""
-    if machine.launcher == "local" or machine.behind_tunnel:
+    if machine.comes_by_loopback:
         return str(Address(LOOPBACK, listen_port))
     if cluster.client is not None:
         return cluster.client

@@ -54,7 +54,7 @@ class RunningCluster:
         if not dial_in:
             return Address(LOOPBACK, 0)
         machines = [self.cluster.machines[number] for number in dial_in]
-        elsewhere = [machine for machine in machines if machine.launcher != "local" and not machine.behind_tunnel]
+        elsewhere = [machine for machine in machines if not machine.comes_by_loopback]
         return Address(everywhere_for(self.cluster, elsewhere) if elsewhere else LOOPBACK, state.listen_port)
 
     def tunnels(self, state: ClusterState, report: Report) -> Tunnels:
@@ -79,8 +79,8 @@ class RunningCluster:
     def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
         """Start what is missing; or, in the place of the servers named `anew` alone, others, once these have ended.
 
-        Raises BadInput, which names every machine that failed; the others are up then. A server whose place nobody
-        has taken stays known as one that has ended.
+        Raises BadInput, which names every machine that failed; the others are up then. One of `anew` whose place
+        nobody has taken stays known as one that has ended.
         """
         with self.folder.locked():
             state = self.state() or ClusterState(file=self._text, listen_port=_free_port(self.cluster))

@@ -15,8 +15,8 @@ from volsplat.protocol.text.printable import one_line
 SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
 BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
-BEGUN = "volsplat-begins"
-_BEGINS = f"printf '\\n{BEGUN}\\n'; printf '\\n{BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
+_BEGUN = "volsplat-begins"
+_BEGINS = f"printf '\\n{_BEGUN}\\n'; printf '\\n{_BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
 NO_SSH = "ssh is not installed here; install OpenSSH's client"
 
@@ -79,7 +79,7 @@ def run_there(machine: Machine, script: str, given: str) -> str:
 
 def _after_greetings(said: str) -> str:
     """Without what the login shell's start-up files have printed; all of it where the script was never run."""
-    before, begun, script_said = said.partition(f"\n{BEGUN}\n")
+    before, begun, script_said = said.partition(f"\n{_BEGUN}\n")
     return script_said if begun else before
 
 

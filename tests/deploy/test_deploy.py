@@ -62,6 +62,12 @@ def cluster(request: pytest.FixtureRequest, person: Person) -> Iterator[Path]:
             assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
+def unreached(servers: str) -> str:
+    """A machine of these servers that ssh does not get to."""
+    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
+    return f'launcher = "ssh"\nhost = "127.0.0.1"\n{servers}{options}'
+
+
 def processes(person: Person) -> list[int]:
     return [int(handle["process"]) for handle in handles(person)]
 
@@ -229,18 +235,14 @@ def test_the_state_is_its_owner_s_alone_and_holds_no_secret_where_others_look(pe
 
 
 def test_a_host_that_ssh_cannot_reach_is_named_with_ssh_s_reason(person: Person) -> None:
-    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}'
-    machine = f'launcher = "ssh"\nhost = "127.0.0.1"\nmap-shade-servers = 1\nsplat-servers = 1\n{options}\n'
-    path = cluster_file(person.folder, "nowhere", machine)
+    path = cluster_file(person.folder, "nowhere", unreached("map-shade-servers = 1\nsplat-servers = 1\n"))
     said = person.runs("deploy", "up", str(path))
     assert said.returncode == 2 and "127.0.0.1: ssh: connect to host 127.0.0.1" in said.stderr
 
 
 def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -> None:
-    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
-    broken = f'launcher = "ssh"\nhost = "127.0.0.1"\n{options}'
     whole = LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n"
-    path = str(cluster_file(person.folder, "in-part", whole, broken + "map-shade-servers = 1\n"))
+    path = str(cluster_file(person.folder, "in-part", whole, unreached("map-shade-servers = 1\n")))
     try:
         assert person.runs("deploy", "up", path).returncode == 2
         status = person.runs("deploy", "status", path)
@@ -253,10 +255,8 @@ def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -
 
 
 def test_a_server_is_started_anew_without_what_could_not_be_started(person: Person) -> None:
-    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
-    broken = f'launcher = "ssh"\nhost = "127.0.0.1"\n{options}map-shade-servers = 1\n'
     whole = LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n"
-    path = cluster_file(person.folder, "in-part", whole, broken)
+    path = cluster_file(person.folder, "in-part", whole, unreached("map-shade-servers = 1\n"))
     volume, said = person.folder / "head.nrrd", list[str]()
     try:
         assert person.runs("deploy", "up", str(path)).returncode == 2
@@ -274,9 +274,8 @@ def test_a_server_is_started_anew_without_what_could_not_be_started(person: Pers
 
 @pytest.mark.parametrize("left", ["nothing", "one kind"])
 def test_where_a_kind_of_server_could_not_be_started_a_client_is_told_why(person: Person, left: str) -> None:
-    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}\n'
     kinds = ["map-shade-servers = 1\n", "splat-servers = 1\n"]
-    broken = f'launcher = "ssh"\nhost = "127.0.0.1"\n{options}' + "".join(kinds[left == "one kind" :])
+    broken = unreached("".join(kinds[left == "one kind" :]))
     machines = [broken, LOCAL + kinds[0]] if left == "one kind" else [broken]
     path = str(cluster_file(person.folder, "broken", *machines))
     try:
