@@ -19,6 +19,7 @@ class Servers:
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
         self._handing_over: list[int] = []  # lost servers whose parts were handed over last
+        self._boxes: dict[int, list[Box]] = {}  # what was noted last of who holds what
         self.leaving: list[int] = []  # those that were told to end, and are still there
         self.splat_servers: list[int] = []  # those that draw, as long as they are there
 
@@ -56,8 +57,10 @@ class Servers:
 
     def hold(self, boxes: Mapping[int, list[Box]]) -> None:
         """These hold parts of the volume, or will when what is on its way is there."""
-        told = ((self.states[server], tuple(held)) for server, held in boxes.items())
-        self.note(replace(state, boxes=held) for state, held in told if state.boxes != held)
+        if boxes != self._boxes:
+            self._boxes = dict(boxes)
+            told = ((self.states[server], tuple(held)) for server, held in boxes.items())
+            self.note(replace(state, boxes=held) for state, held in told if state.boxes != held)
 
     def describe(self, server: int, machine: MachineDescribed) -> None:
         self.machines[server] = machine

@@ -302,7 +302,9 @@ class ServerLinks:
             case messages.Refused(peer_lost=True):
                 missed = [peer for peer in list(self._peers.values()) if peer.role == Role.SPLAT_SERVER]
             case _:
-                return
+                missed = []
+        if not missed:  # as after nearly every message
+            return
         ended = self._local.told_ends([peer.name for peer in missed])
         for peer in missed:
             if peer.name in ended:
