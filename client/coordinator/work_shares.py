@@ -4,9 +4,10 @@ Work is counted in packets. Where it lies is known by blocks as far as these tel
 frames sub-cubes change hands if the last second would have been shorter by more than the move takes.
 """
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 from volsplat.client.coordinator.coordinator_events import Instruction
 from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET, BlockWork
@@ -94,7 +95,8 @@ class WorkShares:
         voxels = {n: sum(box.voxels for box in held) for n, held in boxes.items()}
         shares = [Share(speeds[n], holding.costs.most_voxels(n, voxels[n], packets)) for n in boxes]
         new = dict(zip(boxes, divided_by_work(description.geometry, shares, description.chunk, blocks), strict=True))
-        saved = self._saved(busiest, max(blocks.of(box) / speeds[n] for n, box in new.items()))
+        then = zip(new, blocks.of([*new.values()]), strict=True)
+        saved = self._saved(busiest, max(done / speeds[n] for n, done in then))
         fits = all(box.voxels <= share.most for box, share in zip(new.values(), shares, strict=True))
         pays = saved > max(LEAST_GAIN * busiest, holding.costs.seconds(holding.boxes, new, packets))
         return new if fits and pays else None
@@ -117,10 +119,11 @@ class WorkShares:
         assert self._scene is not None and self._holding.volume is not None
         self._work = self._work or BlockWork.expected(self._holding.volume, self._scene)
         least = sum(measured.values()) / self._holding.description.geometry.box.voxels
-        for n, held in boxes.items():
-            factor = max(measured[n], least) / sum(map(self._work.of, held))
-            for box in held:
-                self._work.multiply(box, factor)
+        owners, each = [n for n, held in boxes.items() for _ in held], list(chain.from_iterable(boxes.values()))
+        expected: defaultdict[int, float] = defaultdict(float)
+        for n, done in zip(owners, self._work.of(each), strict=True):
+            expected[n] += done
+        self._work.multiply(each, [max(measured[n], least) / expected[n] for n in owners])
         return self._work
 
 

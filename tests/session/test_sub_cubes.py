@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, product
+from operator import lt
 from random import Random
 
 import pytest
@@ -14,7 +15,7 @@ from support.scenes.partitions import cut as cut_at_random
 from tolerances import BALANCED
 from volsplat.client.coordinator.shares.block_work import BlockWork
 from volsplat.client.coordinator.shares.sub_cubes import Even, Share, Work, divided, divided_by_work
-from volsplat.protocol.description.block_extremes import block_dims
+from volsplat.protocol.description.block_extremes import block_dims, block_size
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
@@ -108,8 +109,8 @@ def test_boxes_are_balanced_to_within_their_layers_of_voxels(
     dims = (256, 256, 256)
     work = BlockWork(dims, [i * j * k for k, j, i in product(*reversed(profiles))])
     boxes = by_work(Geometry(dims), [Share(speed) for speed in speeds], work)
-    seconds = [work.of(box) / speed for box, speed in zip(boxes, speeds, strict=True)]
-    assert max(seconds) <= BALANCED * sum(map(work.of, boxes)) / sum(speeds)
+    seconds = [done / speed for done, speed in zip(work.of(boxes), speeds, strict=True)]
+    assert max(seconds) <= BALANCED * sum(work.of(boxes)) / sum(speeds)
 
 
 @given(data=st.data(), dims=st.tuples(*[st.integers(1, 70)] * 3))
@@ -120,14 +121,19 @@ def test_the_work_of_boxes_is_counted_and_corrected_by_their_voxels(
     few = data.draw(st.lists(st.floats(0.1, 10.0), min_size=1, max_size=20))
     work = BlockWork(dims, [few[n * n % len(few)] for n in range(math.prod(block_dims(dims)))])
     boxes = by_work(grid, [Share()] * data.draw(st.integers(1, min(8, grid.box.voxels))))
-    assert sum(map(work.of, boxes)) == pytest.approx(work.of(grid.box))
-    box = data.draw(st.sampled_from(boxes))
+    each, (whole,) = work.of(boxes), work.of([grid.box])
+    assert sum(each) == pytest.approx(whole)
+    n = data.draw(st.integers(0, len(boxes) - 1))
     for axis in range(3):
-        layers = work.along(box, axis)
-        assert layers[-1][0] == box.high[axis] and sum(done for _, done in layers) == pytest.approx(work.of(box))
-    whole = work.of(grid.box)
-    work.multiply(grid.box, 3.0)
-    assert work.of(grid.box) == pytest.approx(3 * whole)
+        layers = work.along(boxes[n], axis)
+        assert layers[-1][0] == boxes[n].high[axis] and sum(done for _, done in layers) == pytest.approx(each[n])
+    work.multiply(boxes, [3.0] * len(boxes))
+    assert work.of(boxes) == pytest.approx([3 * one for one in each])
+    block = block_size(dims)
+    blocks = [Box((0, 0, 0), block), *([Box(block, dims)] if all(map(lt, block, dims)) else [])]
+    each = work.of(blocks)
+    work.multiply(blocks, [2.0, 5.0][: len(blocks)])
+    assert work.of(blocks) == pytest.approx([2 * each[0], *(5 * one for one in each[1:])])
 
 
 @given(cut=st.randoms(use_true_random=False), cuts=st.integers(0, 6))

@@ -1,5 +1,8 @@
 """How much work each block of a volume is: guessed from what it may show, corrected by what servers measure."""
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -11,6 +14,8 @@ from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.rules.resolved_view import resolved_bounds
 
 VOXELS_OF_A_PACKET = 100  # that show nothing take as long as one that becomes a packet: their rows are passed by
+
+ALONG = (2, 1, 0)  # arrays are shaped (k, j, i)
 
 Layer = tuple[int, float]  # where it ends on an axis, and its work
 
@@ -38,45 +43,43 @@ class BlockWork:
 
     def along(self, box: Box, axis: int) -> list[Layer]:
         """Of the box's layers of blocks along an axis: where each ends, and its work."""
-        work = self._of_blocks(box)
-        for other in range(3):
-            voxels = self._voxels(box, other)
-            work = work * _along(other, voxels) if other == axis else _summed(work, other, voxels)
+        k, j, i = (self._blocks(box, other) for other in ALONG)
+        layers = np.einsum(f"kji,k,j,i->{'ijk'[axis]}", self._work[k, j, i], *(self._voxels(box, n) for n in ALONG))
         size, first = self._size[axis], box.low[axis] // self._size[axis] + 1
-        return [(min((first + n) * size, box.high[axis]), one) for n, one in enumerate(work.ravel().tolist())]
+        return [(min((first + n) * size, box.high[axis]), one) for n, one in enumerate(layers.tolist())]
 
-    def of(self, box: Box) -> float:
-        """All that is in a box."""
-        return sum(work for _, work in self.along(box, 2))
+    def of(self, boxes: Sequence[Box]) -> list[float]:
+        """All that is in each box."""
+        k, j, i = self._inside(boxes)
+        rows = self._work @ i.T  # (k, j, box)
+        work: list[float] = np.einsum("kn,nk->n", np.einsum("kjn,nj->kn", rows, j), k).tolist()
+        return work
 
-    def multiply(self, box: Box, factor: float) -> None:
-        """What is in a box; a block that is in it by half, by half."""
-        whole, part = Box((0, 0, 0), self._dims), np.ones((1, 1, 1))
-        for axis, first in enumerate(low // size for low, size in zip(box.low, self._size, strict=True)):
-            voxels = self._voxels(box, axis)
-            part = part * _along(axis, voxels / self._voxels(whole, axis)[first : first + len(voxels)])
-        self._of_blocks(box)[...] *= 1.0 + (factor - 1.0) * part
+    def multiply(self, boxes: Sequence[Box], factors: Sequence[float]) -> None:
+        """What is in each of boxes that have nothing in common; a block that is in one by half, by half."""
+        whole = self._inside([Box((0, 0, 0), self._dims)])
+        k, j, i = (inside / blocks for inside, blocks in zip(self._inside(boxes), whole, strict=True))
+        more = (np.array(factors) - 1.0)[:, np.newaxis] * k
+        self._work *= 1.0 + np.einsum("nk,nj->kjn", more, j) @ i
 
-    def _of_blocks(self, box: Box) -> NDArray[np.float64]:
-        """Of the blocks that a box reaches."""
-        k, j, i = (
-            slice(low // size, -(-high // size)) for low, high, size in reversed([*zip(*box, self._size, strict=True)])
-        )
-        return self._work[k, j, i]
+    def _inside(self, boxes: Sequence[Box]) -> list[NDArray[np.float64]]:
+        """Along k, j and i: how many layers of voxels each box (row) has of each layer of blocks (column)."""
+        inside = [np.zeros((len(boxes), layers)) for layers in self._work.shape]
+        for axis, layers in zip(ALONG, inside, strict=True):
+            for row, box in zip(layers, boxes, strict=True):
+                row[self._blocks(box, axis)] = self._voxels(box, axis)
+        return inside
+
+    def _blocks(self, box: Box, axis: int) -> slice:
+        """The layers of blocks that a box reaches."""
+        return slice(box.low[axis] // self._size[axis], -(-box.high[axis] // self._size[axis]))
 
     def _voxels(self, box: Box, axis: int) -> NDArray[np.float64]:
-        """How many layers of voxels of each layer of blocks lie in a box."""
-        low, high, size = box.low[axis], box.high[axis], self._size[axis]
-        starts = np.arange(low // size * size, high, size)
-        return np.minimum(starts + size, high) - np.maximum(starts, low).astype(np.float64)
+        """How many layers of voxels of each of them lie in the box."""
+        return _shared(box.low[axis], box.high[axis], self._size[axis])
 
 
-def _along(axis: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For blocks shaped (k, j, i)."""
-    return values.reshape([-1 if axis == other else 1 for other in (2, 1, 0)])
-
-
-def _summed(work: NDArray[np.float64], axis: int, voxels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Over the layers of an axis, each of so many voxels."""
-    summed: NDArray[np.float64] = (work * _along(axis, voxels)).sum(axis=2 - axis, keepdims=True)
-    return summed
+@lru_cache(4096)  # boxes share most of their sides
+def _shared(low: int, high: int, size: int) -> NDArray[np.float64]:
+    starts = np.arange(low // size * size, high, size)
+    return np.minimum(starts + size, high) - np.maximum(starts, low).astype(np.float64)
