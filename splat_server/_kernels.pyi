@@ -158,7 +158,7 @@ class BatchTaker:
     """
 
     def __init__(self, descriptor: int, walkers: int, blocks: int, block_bytes: int, news: Bell) -> None:
-        """`news` rings if a fault is found, and if a later frame's batch is there. The descriptor stays open."""
+        """`news` rings if `take_news` should be called. The descriptor stays open."""
     @staticmethod
     def memory_bytes(walkers: int, blocks: int, block_bytes: int) -> int:
         """What so many channels take."""
@@ -172,6 +172,8 @@ class BatchTaker:
         """Take nothing any more, but for what `drain` does."""
     def drain(self) -> None:
         """Take what is there now."""
+    def take_news(self) -> bool:
+        """Whether since the last call a fault was found, or a batch came of a later frame than was begun last."""
     @property
     def fault(self) -> str:
         """By which the map/shade server broke the rules; "" if by none."""

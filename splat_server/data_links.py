@@ -140,8 +140,8 @@ class DataLinks:
     def to_tell_of_merge(self) -> list[Connection]:
         """The links by whose socket batches of the running frame are still to come: channels have news of their own."""
         with self._lock:
-            unfinished = [worker for worker in self._merge.unfinished if worker in self._links]
-            return [self._links[worker] for worker in unfinished if self._came[worker].taker is None]
+            by_socket = {worker: link for worker, link in self._links.items() if self._came[worker].taker is None}
+            return [by_socket[worker] for worker in self._merge.unfinished(by_socket.keys())]
 
     def follow_merge(self) -> None:
         """The merge has gone on to another frame, or dropped one: so do those who take batches out of channels."""
@@ -155,7 +155,7 @@ class DataLinks:
         with self._lock:
             for worker, link in self._links.items():
                 came = self._came[worker]
-                if (taker := came.taker) is None or not self._in_use(link):
+                if (taker := came.taker) is None or not taker.take_news() or not self._in_use(link):
                     continue
                 frame = taker.newest_frame
                 if fault := taker.fault:

@@ -7,6 +7,7 @@ that started is of no use any more, and a running frame that it leaves does with
 honest worker leaves a frame because the client wants a newer one, which ends it here as well.)
 """
 
+from collections.abc import Set
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import get_args
@@ -72,11 +73,12 @@ class Merge:
         instructions: list[Instruction] = HANDLERS[type(event)].method(self, event)
         return instructions
 
-    @property
-    def unfinished(self) -> list[WorkerId]:
-        """Workers of the running frame of whom something is still to come."""
+    def unfinished(self, workers: Set[WorkerId]) -> list[WorkerId]:
+        """Those of them of whom something of the running frame is still to come."""
         running = self._running
-        return [worker for worker in running.sources if not running.finished(worker)] if running else []
+        if running is None:
+            return []
+        return [worker for worker in running.sources if worker in workers and not running.finished(worker)]
 
     @property
     def lost(self) -> list[WorkerId]:

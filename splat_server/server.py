@@ -144,10 +144,12 @@ class SplatServer:
         if complete:
             self._finish_frame(assembly)
             return 0.0
-        if not assembly.plan.hides or not (links := self._data_links.to_tell_of_merge()):
+        if not assembly.plan.hides:
             return LOOK_SECONDS
         if (early := self._next_news - time.perf_counter()) > 0:
             return early
+        if not (links := self._data_links.to_tell_of_merge()):
+            return LOOK_SECONDS
         if (reached := assembly.splat.reached()) != self._reached_told:
             self._tell_of_merge(assembly, reached, links)
         return LOOK_SECONDS

@@ -148,8 +148,9 @@ def test_batches_of_a_later_frame_wait_for_it_and_those_of_an_older_one_go(subje
         assert through.ways[0].send(0.0)
         sending = sent(through, subject.walk, 2, 0, 1, 100)
         through.taker.begin(1, None, 0, 0, False)
-        wait_until(lambda: through.taker.newest_frame == 2, "news of the later frame")
-        assert through.news.rung > heard and through.taker.bytes == 0
+        wait_until(through.taker.take_news, "news of the later frame")
+        assert not through.taker.take_news() and through.taker.bytes == 0
+        assert through.news.rung == heard, "nobody waits for the later frame before it begins"
         with subject.frame(2) as frame:
             through.taker.begin(2, frame, 0, WALKERS, True)
             wait_until(lambda: frame.complete, "a finished frame")
@@ -157,6 +158,20 @@ def test_batches_of_a_later_frame_wait_for_it_and_those_of_an_older_one_go(subje
             assert {walker for walker, _, _ in through.taker.spans} == set(range(WALKERS))
             assert all(began >= ended >= 0.0 for _, began, ended in through.taker.spans)
             through.taker.begin(2, None, 0, 0, False)
+        joined(sending)
+
+
+def test_who_waits_for_a_frame_hears_of_batches_of_a_later_one(subject: Subject) -> None:
+    with channels() as through, subject.frame(1) as frame:
+        heard = through.news.rung
+        through.taker.begin(1, frame, 0, WALKERS, False)
+        assert not through.taker.take_news()
+        sending = sent(through, subject.walk, 2, 0, 1, 100)
+        wait_until(lambda: through.news.rung > heard, "news of the later frame")
+        assert through.taker.take_news() and through.taker.newest_frame == 2
+        through.taker.begin(1, None, 0, 0, False)
+        assert through.taker.take_news(), "it is still later than what is begun"
+        through.taker.begin(2, None, 0, 0, False)
         joined(sending)
 
 

@@ -54,6 +54,7 @@ void bind_batch_taker(nb::module_& m) {
              Unlocked())
         .def("drain", &BatchTaker::drain, Unlocked())
         .def("close", &BatchTaker::close, Unlocked())
+        .def("take_news", &BatchTaker::take_news)
         .def_prop_ro("fault", &BatchTaker::fault, Unlocked())
         .def_prop_ro("newest_frame", &BatchTaker::newest_frame)
         .def_prop_ro("bytes", &BatchTaker::bytes)

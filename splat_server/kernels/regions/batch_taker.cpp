@@ -73,6 +73,7 @@ void BatchTaker::begin(std::int64_t frame, std::shared_ptr<SplatFrame> into, int
         if (into != into_) tiles_->begin(frame, into);
         frame_ = frame, first_source_ = first_source, walkers_ = walkers, traced_ = traced;
         into_.swap(into);
+        look_at_newest();
     }
     memory_->filled().ring_anyway();
 }
@@ -126,7 +127,7 @@ bool BatchTaker::take(int walker) {
     const BatchNote note = note_of(head);
     if (note.frame > newest_frame_) {
         newest_frame_ = note.frame;
-        if (note.frame > frame_) news_->ring();
+        look_at_newest();
     }
     if (note.frame > frame_) return false;
     try {
@@ -173,12 +174,20 @@ void BatchTaker::push(int walker, const BatchNote& note, const unsigned char* bl
     into_->push(first_source_ + walker, parts, note.reached_sheet, note.reached_row, note.last != 0, memory);
 }
 
+// Nobody is woken for a batch that comes between frames: it waits for the message that begins its own.
+void BatchTaker::look_at_newest() {
+    if (newest_frame_ <= frame_) return;
+    has_news_ = true;
+    if (into_ && into_->unfinished()) news_->ring();
+}
+
 void BatchTaker::fail(const char* fault) noexcept {
     try {
         fault_ = "frame " + std::to_string(frame_) + ": " + fault;
     } catch (const std::bad_alloc&) {
         fault_ = "no memory";  // in the string itself
     }
+    has_news_ = true;
     news_->ring();
 }
 

@@ -24,7 +24,7 @@ struct TakenSpan {
 // In a thread of its own. Nothing that comes is believed: it may be broken or hostile.
 class BatchTaker {
 public:
-    // `news` rings if a fault is found, and if the first batch of a later frame is there.
+    // `news` rings if take_news() should be called.
     BatchTaker(std::shared_ptr<ChannelMemory> memory, std::shared_ptr<Bell> news);
     ~BatchTaker() { close(); }
 
@@ -38,6 +38,8 @@ public:
     // Takes what is there now.
     void drain();
 
+    // Whether since the last call a fault was found, or there is a batch of a later frame than the one begun last.
+    bool take_news() { return has_news_.exchange(false); }
     std::string fault();  // by which the map/shade server broke the rules; "": by none
     std::int64_t newest_frame() const { return newest_frame_; }  // that a batch has come of; -1: none
     std::int64_t bytes() const { return bytes_; }                // of the frame's batches
@@ -53,13 +55,14 @@ private:
     void take_filled(int walker, int block, const BatchNote& note);
     void push(int walker, const BatchNote& note, const unsigned char* block, std::shared_ptr<const void> taken);
     std::unique_lock<std::mutex> locked();
+    void look_at_newest();
     void fail(const char* fault) noexcept;
 
     const std::shared_ptr<ChannelMemory> memory_;
     const std::shared_ptr<Bell> news_;
     const std::shared_ptr<TileTeller> tiles_;
     const std::shared_ptr<Flags> taken_;  // of each block: what the memory says of that may be untrue
-    std::atomic<bool> closed_{false};
+    std::atomic<bool> closed_{false}, has_news_{false};
     std::atomic<std::int64_t> newest_frame_{-1}, bytes_{0};
 
     std::mutex gate_;              // whoever waits for the next has it, so that the taker does not go before all others

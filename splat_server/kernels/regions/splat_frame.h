@@ -73,6 +73,7 @@ public:
     void stop() { stopped_ = true; }
     // Rethrows what an owner failed of.
     bool complete() const;
+    bool unfinished() const { return unfinished_ != 0; }  // as complete(), but that it never throws
     // The sources without which no region can go on; none if one can.
     std::vector<int> awaited() const;
     // The image as it stands, into a block of its own.
