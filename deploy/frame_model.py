@@ -1,7 +1,8 @@
 """A model of a frame's time: from what one thread takes for each voxel, packet and pixel to what a cluster takes.
 
-Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them; what follows is the
-image's way to the client, and what every frame costs. Between machines batches are coded if that is sooner.
+Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them. To that are added the
+image's way to the client, the client's own work for each server, and what every frame costs. Between machines batches
+are coded if that is sooner.
 """
 
 from __future__ import annotations
@@ -13,6 +14,11 @@ from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
 RUN_SHARE = 0.15  # of a batch's bytes beside its packets: the directory of row runs
 BITS = 8
 PIXEL_BYTES = 0.6  # of an image that is only looked at, as it goes over a link
+
+# Seconds of the client for each server of a frame, which it tells one after another, and hears so. Those of the fewest
+# are in what every frame costs (docs/how_it_works/performance.md).
+TELLING = 0.12e-3
+FEWEST_SERVERS = 3
 
 # Of coded batches (docs/how_it_works/performance.md): what is left of the bytes, and a thread's seconds for each.
 CODED_SHARE = 0.45
@@ -66,6 +72,11 @@ class Cluster:
     def regions(self) -> int:
         return self.splat_servers * self.owners
 
+    @property
+    def more_servers(self) -> int:
+        """Than the fewest."""
+        return max(0, self.workers + self.splat_servers - FEWEST_SERVERS)
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -91,10 +102,11 @@ def _predicted(load: Load, rates: Rates, cluster: Cluster, coded: bool) -> Predi
         "splatting": splatting / cluster.regions,
         **_shared(load, rates, cluster, walking + splatting, CODED_SHARE if coded else 1.0),
     }
-    limit = max(parts, key=lambda part: parts[part])
+    slowest = max(parts, key=lambda part: parts[part])
     image = load.image_bytes * BITS / cluster.bits_per_second if cluster.bits_per_second else 0.0
-    seconds = parts[limit] + image + rates.frame
-    return Prediction(seconds, "the image's way" if image > parts[limit] else limit)
+    in_turn = {slowest: parts[slowest], "the image's way": image, "the client": cluster.more_servers * TELLING}
+    limit = max(in_turn, key=lambda part: in_turn[part])
+    return Prediction(sum(in_turn.values()) + rates.frame, limit)
 
 
 def _shared(load: Load, rates: Rates, cluster: Cluster, processor: float, share: float) -> dict[str, float]:

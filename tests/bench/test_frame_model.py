@@ -6,7 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.deploy.frame_model import CODED_SHARE, Cluster, Load, Rates, predicted
+from volsplat.deploy.frame_model import (
+    CODED_SHARE,
+    FEWEST_SERVERS,
+    TELLING,
+    Cluster,
+    Load,
+    Prediction,
+    Rates,
+    predicted,
+)
 
 LOAD = Load(voxels=16e6, packets=2e6, pixels=128e6, footprint_lines=8, lines=480, image_bytes=4e6)
 RATES = Rates(voxel=0.3e-9, packet=3e-9, splat=5e-9, pixel=0.2e-9, frame=1e-3)
@@ -37,7 +46,16 @@ def test_slow_links_bound_a_frame_by_their_bytes() -> None:
     slow = Cluster(workers=4, walkers=1, splat_servers=1, owners=1, cores=1, bits_per_second=100e6)
     found = predicted(LOAD, RATES, slow)
     assert found.limit == "links into splat servers"
-    assert found.seconds == pytest.approx((CODED_SHARE * LOAD.batch_bytes + LOAD.image_bytes) * 8 / 100e6 + RATES.frame)
+    on_links = (CODED_SHARE * LOAD.batch_bytes + LOAD.image_bytes) * 8 / 100e6
+    assert found.seconds == pytest.approx(on_links + (4 + 1 - FEWEST_SERVERS) * TELLING + RATES.frame)
+
+
+def test_a_client_of_many_servers_is_what_limits_a_frame() -> None:
+    def found(workers: int) -> Prediction:
+        return predicted(LOAD, RATES, Cluster(workers, 64, 1, 64, 64, 1e15))
+
+    assert found(2).limit != "the client" == found(200).limit
+    assert found(200).seconds - found(199).seconds == pytest.approx(TELLING)
 
 
 def test_batches_are_coded_only_where_links_are_slower_than_the_coder() -> None:
@@ -46,7 +64,8 @@ def test_batches_are_coded_only_where_links_are_slower_than_the_coder() -> None:
 
     walking = (LOAD.voxels * RATES.voxel + LOAD.packets * (1 + LOAD.twice(4)) * RATES.packet) / 4
     splatting = (LOAD.packets * (1 + LOAD.twice(4)) * RATES.splat + LOAD.pixels * RATES.pixel) / 4
-    assert took(1e12) == pytest.approx(max(walking, splatting) + LOAD.image_bytes * 8 / 1e12 + RATES.frame)
+    after = LOAD.image_bytes * 8 / 1e12 + (4 + 4 - FEWEST_SERVERS) * TELLING + RATES.frame
+    assert took(1e12) == pytest.approx(max(walking, splatting) + after)
     assert took(100e6) < LOAD.batch_bytes * 8 / 100e6 / 4 + LOAD.image_bytes * 8 / 100e6
 
 
