@@ -1,6 +1,6 @@
 """What is known of a volume so far: described by one server, surveyed and counted by all, a part by each."""
 
-from array import array
+import numpy as np
 
 from volsplat.client.volume.survey_checks import check_counts, check_extremes
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -24,7 +24,6 @@ class VolumeSurvey:
         self.description, self.identity = described.description, described.identity
         self.prepared = described.prepared[0] if described.prepared else None
         self._survey: Survey | None = None
-        self._extremes: BlockExtremes | None = None
         self.begin()
         if self.prepared is not None:
             self._survey = self.prepared.survey
@@ -32,8 +31,9 @@ class VolumeSurvey:
 
     def begin(self) -> None:
         """Survey and count from the start."""
-        self._survey, self._extremes = None, None
-        self._density_counts = self._strength_counts = [0] * HISTOGRAM_BINS
+        self._survey = None
+        self._counts = np.zeros((2, HISTOGRAM_BINS), np.int64)  # of densities, of strengths
+        self._extremes = np.array(BlockExtremes.nothing(self.description.geometry.dims))
 
     def surveyed(self, survey: Survey) -> None:
         """Take one server's part."""
@@ -55,13 +55,12 @@ class VolumeSurvey:
 
     def volume(self) -> SurveyedVolume:
         """All that is known, once every part is counted."""
-        assert self._survey is not None and self._extremes is not None
-        counts = self._density_counts, self._strength_counts
-        return SurveyedVolume(self.description, self._survey, *counts, self._extremes, self.prepared)
+        assert self._survey is not None
+        density_counts, strength_counts = self._counts.tolist()
+        extremes = BlockExtremes(*self._extremes.tolist())
+        return SurveyedVolume(self.description, self._survey, density_counts, strength_counts, extremes, self.prepared)
 
     def _add(self, payload: memoryview) -> None:
-        counts = array("q", payload[:HISTOGRAMS_BYTES].tobytes())
-        self._density_counts = list(map(int.__add__, self._density_counts, counts[:HISTOGRAM_BINS]))
-        self._strength_counts = list(map(int.__add__, self._strength_counts, counts[HISTOGRAM_BINS:]))
-        extremes = BlockExtremes.of_bytes(payload[HISTOGRAMS_BYTES:])
-        self._extremes = extremes if self._extremes is None else self._extremes.joined(extremes)
+        self._counts += np.frombuffer(payload[:HISTOGRAMS_BYTES], np.int64).reshape(2, -1)
+        least, greatest = np.frombuffer(payload[HISTOGRAMS_BYTES:], np.float64).reshape(2, -1)
+        self._extremes = np.array([np.minimum(self._extremes[0], least), np.maximum(self._extremes[1], greatest)])

@@ -1,7 +1,8 @@
 """What a server says of its sub-cubes' values, checked before anything is decided by it."""
 
 import math
-from array import array
+
+import numpy as np
 
 from volsplat.protocol.description.block_extremes import BLOCK_BYTES, block_dims
 from volsplat.protocol.description.volume import Index
@@ -23,8 +24,8 @@ def check_survey(survey: Survey, voxels: int) -> None:
 
 def check_counts(payload: memoryview, voxels: int) -> None:
     """Raises RemoteProtocolError for histograms that cannot be those of so many voxels."""
-    counts = array("q", payload.tobytes())
-    for scalar, counted in (("density", counts[:HISTOGRAM_BINS]), ("strength", counts[HISTOGRAM_BINS:])):
+    counts = np.frombuffer(payload, np.int64).reshape(2, HISTOGRAM_BINS).tolist()
+    for scalar, counted in zip(("density", "strength"), counts, strict=True):
         if min(counted) < 0 or sum(counted) > voxels:
             raise RemoteProtocolError(
                 f"its histogram of {scalar} counts {sum(counted)} voxels, the least bin {min(counted)}, but its boxes "
@@ -37,5 +38,5 @@ def check_extremes(payload: memoryview, dims: Index) -> None:
     blocks = math.prod(block_dims(dims))
     if payload.nbytes != BLOCK_BYTES * blocks:
         raise RemoteProtocolError(f"it told of {payload.nbytes // BLOCK_BYTES} blocks, but the volume has {blocks}")
-    if any(map(math.isnan, array("d", payload.tobytes()))):
+    if np.isnan(np.frombuffer(payload, np.float64)).any():
         raise RemoteProtocolError("it told of a block whose least or greatest value is not a number")
