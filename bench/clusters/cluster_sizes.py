@@ -14,6 +14,7 @@ from volsplat.bench.renderers import Row, opened_rows
 from volsplat.client.session.session import Session
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster_file import Cluster, Machine
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -68,7 +69,17 @@ def groups_of(drawers: Drawers, volume: str, memory: int | None, say: Callable[[
             path.write_text(toml_of(narrowed(drawers.cluster, servers)), encoding="utf-8")
             with Session(volume, cluster=path, memory=memory, on_progress=say) as session:
                 assert session.volume, "wait until its servers have read the volume"
+                _check_all_are_there(session, servers)
                 yield [Row(servers, session)]
+
+
+def _check_all_are_there(session: Session, map_shade_servers: int) -> None:
+    """A session draws without servers that do not come. Raises BadInput where it does."""
+    there = sum(one.role is Role.MAPSHADE_SERVER and not one.lost for one in session.servers)
+    if there < map_shade_servers:
+        raise BadInput(
+            f"{there} of {map_shade_servers} map/shade servers draw, which says nothing of all; the lines above say why"
+        )
 
 
 def narrowed(cluster: Cluster, map_shade_servers: int) -> Cluster:

@@ -28,6 +28,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
+    ServersMissing,
     VolumeAsked,
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
@@ -78,6 +79,7 @@ class Coordinator:
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
+        self._few_suffice = False  # to begin: those that are missing are not waited for
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
             for owner in (self, self.holding, self.frames, self.probes, self.voxels, self.folders, self.ahead)
@@ -258,11 +260,25 @@ class Coordinator:
         """Its lost connection is an event of its own; but without another one nobody may be left."""
         if not event.replaced:
             self._given_up.add(event.process)
-        servers = self.servers
-        left = servers.splat_servers and (servers.chosen or servers.idle())
-        if event.replaced or (self.holding.phase != Phase.GATHERING and left):
+        if event.replaced or (self.holding.phase != Phase.GATHERING and self._some_are_left()):
             return []
         return self._fail(PeerLost(event.cause))
+
+    @takes(ServersMissing)
+    def _missing(self, event: ServersMissing) -> list[Instruction]:
+        if not self._some_are_left():
+            return self._fail(PeerLost(event.cause)) if event.given_up else []
+        if self.holding.phase is not Phase.GATHERING or self._few_suffice:
+            return []
+        self._few_suffice = True
+        return [ReportProgress(f"{event.cause}; the others draw without"), *self._gathered()]
+
+    def _some_are_left(self) -> bool:
+        """Of both kinds: they can draw by themselves."""
+        servers = self.servers
+        if self.holding.phase is Phase.GATHERING:
+            return all(map(servers.ready, (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER)))
+        return bool(servers.splat_servers and (servers.chosen or servers.idle()))
 
     @takes(VolumeAsked)
     def _volume_asked(self, event: VolumeAsked) -> list[Instruction]:
@@ -274,7 +290,8 @@ class Coordinator:
         if self.holding.phase != Phase.GATHERING or asked is None:
             return []
         workers, splat_servers = servers.ready(Role.MAPSHADE_SERVER), servers.ready(Role.SPLAT_SERVER)
-        if len(workers) < asked.workers or len(splat_servers) < asked.splat_servers:
+        enough = len(workers) >= asked.workers and len(splat_servers) >= asked.splat_servers
+        if not (enough or (self._few_suffice and workers and splat_servers)):
             missing = (
                 f"{len(workers)} of {asked.workers} map/shade servers, "
                 f"{len(splat_servers)} of {asked.splat_servers} splat server{'s' if asked.splat_servers > 1 else ''}"

@@ -70,6 +70,14 @@ class ServerProcessEnded:
 
 
 @dataclass(frozen=True)
+class ServersMissing:
+    """Servers of a cluster do not come: others draw without them. They may join later."""
+
+    cause: str
+    given_up: bool = False  # nobody waits for them any more, even if no others can draw
+
+
+@dataclass(frozen=True)
 class MessageReceived:
     server: int
     message: messages.Message
@@ -164,6 +172,7 @@ Event = (
     ServerJoined
     | ServerLost
     | ServerProcessEnded
+    | ServersMissing
     | MessageReceived
     | VolumeAsked
     | FrameAsked

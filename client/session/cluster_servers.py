@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.session.server_links import ServerLinks
@@ -23,9 +24,17 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.tokens import Token
 
 MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
+UNHEARD_SECONDS = 5.0  # likewise, after which others draw without one whose machine cannot be asked about it
 FROZEN_SECONDS = 2.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
 CALL_SECONDS = 1e9  # a caller tries until it is told to stop
+
+
+class Absent(NamedTuple):
+    """Servers that are missing, and will be for a while."""
+
+    unheard: set[str]  # nothing is heard of them from their machines
+    unable: set[str]  # end again and again as soon as they are started
 
 
 class ClusterServers:
@@ -174,13 +183,13 @@ class ClusterServers:
             missing = self._missing(links)
             seen |= self._known.keys() - missing
             self._missing_since = {name: self._missing_since.get(name, began) for name in missing}
-            try:
-                if missing:
-                    self._look_after(missing, seen)
-            except VolsplatError as error:
-                self._report(str(error))
-            if self._missing_for(MISSING_SECONDS):
-                links.give_up(f"servers of {self.cluster.name} are missing: {self._reasons(missing)}")
+            absent = self._looked_after(missing, seen)
+            cause = f"servers of {self.cluster.name} are missing: {self._reasons(missing)}"
+            all_are_absent = set(missing) <= absent.unheard | absent.unable
+            if self._missing_for(MISSING_SECONDS) or (absent.unable and all_are_absent):
+                links.give_up(cause)
+            elif missing and all_are_absent:
+                links.go_without(cause)
             began = time.monotonic()
 
     def _looks_again(self, links: ServerLinks) -> bool:
@@ -196,16 +205,30 @@ class ClusterServers:
         there = links.present()
         return [name for name, one in self._known.items() if not any(map(one.is_process, there))]
 
-    def _look_after(self, missing: list[str], seen: set[str]) -> None:
+    def _looked_after(self, missing: list[str], seen: set[str]) -> Absent:
+        """What cannot be done about those that are missing."""
+        absent = Absent(set(), set())
+        try:
+            if missing:
+                self._look_after(missing, seen, absent)
+        except VolsplatError as error:
+            self._report(str(error))
+        return absent
+
+    def _look_after(self, missing: list[str], seen: set[str], absent: Absent) -> None:
         """Those that have ended are started anew, and those that were `seen` in the session and do not come again."""
         ended = list[str]()
         frozen = {
             name for name in self._missing_for(FROZEN_SECONDS) & seen if self._reachable_for(FROZEN_SECONDS, name)
         }
-        for one, said in self._running.statuses():
+        statuses = self._running.statuses()  # takes a while where a machine does not answer
+        unheard = self._missing_for(UNHEARD_SECONDS) - self._started_by_hand
+        for one, said in statuses:
             name = one.started.name
             if name not in missing:
                 continue
+            if said.state is ServerState.UNKNOWN and name in unheard:
+                absent.unheard.add(name)
             if said.state is ServerState.ENDED:
                 ended.append(name)
                 self._note(name, f"{name} has ended: {said.reason}")
@@ -218,6 +241,7 @@ class ClusterServers:
             elif not one.wait_at and not self._cut_off(name):  # else whoever dials it knows better, or its tunnel
                 self._note(name, f"{name} has not joined yet" + (f": {said.reason}" if said.reason else ""))
         again = [name for name in ended if self._restarts[name].may_restart()]
+        absent.unable.update(set(ended).difference(again))
         if again:
             seen.difference_update(again)
             try:
@@ -225,6 +249,11 @@ class ClusterServers:
             finally:
                 if (state := self._running.state()) is not None:
                     self._known = {one.started.name: one for one in state.servers}
+
+    @property
+    def _started_by_hand(self) -> set[str]:
+        machines = self.cluster.machines
+        return {name for name, one in self._known.items() if machines[one.machine].launcher == "manual"}
 
     def _reachable_for(self, seconds: float, name: str) -> bool:
         return self._tunnels is None or self._tunnels.open_for(self._known[name].machine) > seconds

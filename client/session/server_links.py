@@ -16,6 +16,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
+    ServersMissing,
 )
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.client.session.outgoing import Outgoing
@@ -157,9 +158,13 @@ class ServerLinks:
         if connection is not None:
             connection.close()
 
+    def go_without(self, cause: str) -> None:
+        """Servers do not come: the session begins without them if it can, and they may join later."""
+        self._on_event(ServersMissing(cause))
+
     def give_up(self, cause: str) -> None:
         """Servers do not come, or not again: the session ends if it cannot go on without."""
-        self._on_event(ServerProcessEnded(cause))
+        self._on_event(ServersMissing(cause, given_up=True))
 
     def take_no_more(self) -> None:
         """Nobody can join from now on; who leaves is no loss."""

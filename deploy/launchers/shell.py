@@ -85,6 +85,10 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
         f'first={command.split()[0]}\ncommand -v "$first" >/dev/null || {{ echo "$first is not there"; exit 3; }}\n'
         for command in dict.fromkeys(commands)
     ]
+    parts += [
+        f'[ -d {root} ] || {{ echo "data-root "{root}" is no folder there; make it, or name another"; exit 4; }}\n'
+        for root in dict.fromkeys(map(shlex.quote, filter(None, map(_data_root, orders))))
+    ]
     for order, command in zip(orders, commands, strict=True):
         log = file_name(order.name) + ".log"
         words = " ".join([command, *map(shlex.quote, order.arguments)])
@@ -93,6 +97,11 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
             f'printf "%s\\t%s\\t%s\\n" $! "$(began $!)" "$d"/{log}\n'
         )
     return "".join(parts)
+
+
+def _data_root(order: ServerOrder) -> str | None:
+    _, named, root = "\0".join(order.arguments).partition("--data-root\0")
+    return root.partition("\0")[0] if named else None
 
 
 def _quoted(server: StartedServer) -> tuple[str, str, str]:

@@ -1,6 +1,7 @@
 """A cluster over real processes: brought up once, used by one client after the other, ended; through sshd as well."""
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -367,6 +368,59 @@ def test_who_is_missing_is_named_with_the_reason(person: Person, monkeypatch: py
         with pytest.raises(PeerLost, match="servers of nobody are missing: .* nobody listens there"):
             session.default_scene()
     person.runs("deploy", "down", str(path))
+
+
+def both_kinds_and(ssh: str) -> tuple[str, str]:
+    """Machines: this one, which can draw by itself, and one more map/shade server that ssh reaches."""
+    return f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n", f"{ssh}map-shade-servers = 1\n"
+
+
+def test_the_others_draw_without_a_machine_that_nothing_is_heard_of(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_servers, "UNHEARD_SECONDS", 0.1)
+    with sshd(tmp_path / "gone") as ssh:
+        path = cluster_file(person.folder, f"gone-{os.getpid()}", *both_kinds_and(ssh))
+        assert person.runs("deploy", "up", str(path)).returncode == 0
+    psutil.Process(int(handles(person)[-1]["process"])).suspend()  # and its machine's sshd is gone
+    said = list[str]()
+    try:
+        with Session(person.folder / "head.nrrd", cluster=path, on_progress=said.append) as session:
+            assert session.finish(session.default_scene()).complete
+            assert any("ssh" in line and line.endswith("; the others draw without") for line in said)
+    finally:
+        psutil.Process(int(handles(person)[-1]["process"])).kill()
+        person.runs("deploy", "down", str(path))
+
+
+def test_the_others_draw_without_a_server_that_ends_each_time_that_it_is_started(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_servers, "LOOK_SECONDS", 0.1)
+    command = tmp_path / "volsplat"
+    command.write_text("#!/bin/sh\necho no libraries here\n", encoding="utf-8")
+    command.chmod(0o755)
+    with sshd(tmp_path / "unable") as ssh:
+        unable = re.sub(r'command = ".*"', f'command = "{command}"', ssh)
+        path = cluster_file(person.folder, f"unable-{os.getpid()}", *both_kinds_and(unable))
+        assert person.runs("deploy", "up", str(path)).returncode == 0
+        said = list[str]()
+        try:
+            with Session(person.folder / "head.nrrd", cluster=path, on_progress=said.append) as session:
+                assert session.finish(session.default_scene()).complete
+                assert any("has ended: no libraries here; the others" in line for line in said), said
+        finally:
+            assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def test_a_data_root_that_is_not_there_is_told_as_the_servers_are_started(person: Person) -> None:
+    root = person.folder / "it's not there"
+    path = cluster_file(
+        person.folder, "no-root", f'{LOCAL}splat-servers = 1\nmap-shade-servers = 1\ndata-root = "{root}"\n'
+    )
+    up = person.runs("deploy", "up", str(path))
+    assert up.returncode == 2 and f"data-root {root} is no folder there" in up.stderr
+    assert servers_of(person) == []
 
 
 def test_silence_of_a_cluster_file_is_that_of_its_servers_and_clients(person: Person) -> None:

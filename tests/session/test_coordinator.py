@@ -56,6 +56,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
+    ServersMissing,
     SliceAsked,
     VolumeAsked,
 )
@@ -198,6 +199,35 @@ def test_a_process_that_ends_before_it_joined_fails_the_session() -> None:
     coordinator.handle(ASKED)
     (failed,) = coordinator.handle(ServerProcessEnded("the splat server ended with status 1"))
     assert isinstance(failed, FailSession)
+
+
+def test_without_servers_that_are_missing_the_others_begin_where_there_are_both_kinds() -> None:
+    coordinator = CheckedCoordinator()
+    for event in [ASKED, *joins(JOINED[1])]:
+        coordinator.handle(event)
+    missing = ServersMissing("node3 does not answer")
+    assert coordinator.handle(missing) == []
+    for event in joins(JOINED[0]):
+        assert (FIRST, messages.DescribeVolume) not in sent(coordinator.handle(event)), "all are waited for"
+    told, *begun = coordinator.handle(missing)
+    assert told == ReportProgress("node3 does not answer; the others draw without")
+    assert (FIRST, messages.DescribeVolume) in sent(begun)
+    assert coordinator.handle(missing) == []  # said once
+
+
+def test_who_is_missing_before_a_volume_is_asked_for_is_not_waited_for_afterwards() -> None:
+    coordinator = CheckedCoordinator()
+    for event in [*joins(*JOINED[:2]), ServersMissing("node3 does not answer", given_up=True)]:
+        coordinator.handle(event)
+    assert (FIRST, messages.DescribeVolume) in sent(coordinator.handle(ASKED))
+
+
+def test_a_session_fails_once_all_of_a_kind_are_given_up() -> None:
+    coordinator = CheckedCoordinator()
+    for event in [ASKED, *joins(*JOINED[1:])]:
+        coordinator.handle(event)
+    (failed,) = coordinator.handle(ServersMissing("node1 does not answer", given_up=True))
+    assert isinstance(failed, FailSession) and str(failed.error) == "node1 does not answer"
 
 
 def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
