@@ -52,14 +52,17 @@ def up(cluster: Path) -> None:
 def status(cluster: Path) -> None:
     """Show the state of every server. Status 1 if one does not run."""
     running = RunningCluster(cluster)
-    statuses = running.statuses()
-    if not statuses:
+    statuses, changes = running.statuses(), running.folder.is_locked
+    if changes:
+        PlainConsole(stderr=True).say(f"another command brings {running.cluster.name} up or down now")
+    if not (statuses or changes):
         raise BadInput(f"the cluster {running.cluster.name} is not up; run: volsplat deploy up {cluster}")
     table = Table("server", "where", "state", "", box=None)
     for one, said in statuses:
         row = (one.started.name, one.started.place, said.state.value, said.reason)
         table.add_row(*(Text(printable(cell)) for cell in row))
-    PlainConsole().print(table)
+    if statuses:
+        PlainConsole().print(table)
     state = running.folder.load()
     missing = running.never_started(state) if state is not None else []
     for title, line in missing:

@@ -137,7 +137,12 @@ class RunningCluster:
         return [result.reason for result in results.values() if isinstance(result, Failed)]
 
     def never_started(self, state: ClusterState) -> list[tuple[str, str]]:
-        """Machines that failed as it was brought up, with how many of their servers are missing, and the cure."""
+        """Machines that failed as it was brought up, with how many of their servers are missing, and the cure.
+
+        None are named as long as another command may start them.
+        """
+        if self.folder.is_locked:
+            return []
         found = []
         for number, machine in enumerate(cluster_from_toml(state.file, str(self.path)).machines):
             wanted = machine.map_shade_servers + machine.splat_servers

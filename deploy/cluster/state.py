@@ -56,6 +56,18 @@ class StateFolder:
         finally:
             os.close(descriptor)
 
+    @property
+    def is_locked(self) -> bool:
+        """Whether another command brings the cluster up or down now."""
+        try:
+            with (self.path / "lock").open("rb") as lock:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # it has never been up
+            return False
+        return False
+
     def load(self) -> ClusterState | None:
         """None where the cluster is not up. Raises BadInput for a file that cannot be read."""
         try:

@@ -176,6 +176,8 @@ class Port:
             log.debug("%s is to dial again: %s", connection, error)
         except VolsplatError as error:
             failure = printable(str(error))
+        except MemoryError:
+            failure = f"{connection} is dropped: this process has no memory left for it"
         with self._lock:
             mine = self._pending.pop(connection, None) is not None
             if mine and connection.opened and not self._closing.is_set():

@@ -255,6 +255,19 @@ def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -
         assert person.runs("deploy", "down", path).returncode == 0
 
 
+def test_while_servers_are_started_none_is_said_to_have_failed(person: Person) -> None:
+    path = cluster_file(person.folder, "in-part", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
+    running = RunningCluster(path)
+    with running.folder.locked():
+        status = person.runs("deploy", "status", str(path))
+        assert status.returncode == 0 and "another command brings in-part up or down now" in status.stderr
+        begun = ClusterState(file=path.read_text(encoding="utf-8"), listen_port=0)
+        assert running.never_started(begun) == []
+    assert running.never_started(begun) != []
+    status = person.runs("deploy", "status", str(path))
+    assert status.returncode == 2 and "is not up; run: volsplat deploy up" in status.stderr
+
+
 def test_a_server_is_started_anew_without_what_could_not_be_started(person: Person) -> None:
     whole = LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n"
     path = cluster_file(person.folder, "in-part", whole, unreached("map-shade-servers = 1\n"))

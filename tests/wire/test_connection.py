@@ -606,6 +606,24 @@ def test_strangers_cause_few_lines_and_the_rest_is_counted(host: str, lines: Lin
     assert MOST_AT_ONCE <= others < strangers and sum(counts) + others == strangers
 
 
+def test_who_comes_while_memory_is_short_is_dropped_and_the_next_is_let_in(host: str, lines: Lines) -> None:
+    came = list[Hello]()
+
+    def assigned(hello: Hello) -> int:
+        came.append(hello)
+        if len(came) == 1:
+            raise MemoryError
+        return 7
+
+    with Listener(Role.CLIENT, TOKEN, host=host, assign_id=assigned) as listener:
+        dialled = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
+        taken = listener.accept(PATIENCE)
+        assert taken is not None and taken.peer.id == 7
+        assert re.search(f"{CALLERS[host]} is dropped: this process has no memory left for it", lines.next())
+        dialled.close()
+        taken.close()
+
+
 def test_what_was_left_out_is_counted_though_nobody_calls_any_more(
     lines: Lines, monkeypatch: pytest.MonkeyPatch
 ) -> None:
