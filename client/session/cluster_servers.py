@@ -17,7 +17,7 @@ from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.deploy.restart_limit import RestartLimit
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
-from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.text.errors import BadInput, TurnedAway, VolsplatError
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
@@ -56,6 +56,7 @@ class ClusterServers:
         self._lock = threading.Lock()  # guards what follows
         self._why: dict[str, str] = {}  # each is not there
         self._closed = threading.Event()
+        self._is_our_turn = threading.Event()  # to dial all servers that wait
         self._watching: threading.Thread | None = None
         self._tunnels: Tunnels | None = None
 
@@ -105,10 +106,10 @@ class ClusterServers:
     def join(self, links: ServerLinks) -> None:
         """Take the servers into a session, which listens."""
         self._tunnels = self._running.tunnels(self._state, self._report)
-        for one in self._state.servers:
-            if one.wait_at:
-                name = f"call {one.started.name}"
-                threading.Thread(target=self._call, args=(one, links), name=name, daemon=True).start()
+        waiting = sorted((one for one in self._state.servers if one.wait_at), key=lambda one: one.wait_at)
+        for one in waiting:
+            begin = self._call_first if one is waiting[0] else self._call_in_turn
+            threading.Thread(target=begin, args=(one, links), name=f"call {one.started.name}", daemon=True).start()
         self._watching = threading.Thread(target=self._watch, args=(links,), name="watch the cluster", daemon=True)
         self._watching.start()
 
@@ -128,6 +129,7 @@ class ClusterServers:
     def close(self) -> None:
         """The session ends: look for no more servers."""
         self._closed.set()
+        self._is_our_turn.set()
 
     def release(self) -> None:
         """The session has ended: bring the cluster down if it was brought up for it.
@@ -143,20 +145,36 @@ class ClusterServers:
 
     # -- servers that wait are dialled
 
-    def _call(self, one: KnownServer, links: ServerLinks) -> None:
+    def _call_first(self, one: KnownServer, links: ServerLinks) -> None:
+        """The same server for every client: who has it dials the others, so that no two clients wait for each other."""
+
+        def failed(error: VolsplatError) -> None:
+            if not isinstance(error, TurnedAway):  # it decides nothing
+                self._is_our_turn.set()
+
+        self._call(one, links, failed)
+
+    def _call_in_turn(self, one: KnownServer, links: ServerLinks) -> None:
+        self._is_our_turn.wait()
+        self._call(one, links, lambda error: None)
+
+    def _call(self, one: KnownServer, links: ServerLinks, failed: Callable[[VolsplatError], None]) -> None:
         name, address = one.started.name, parse_address(one.wait_at)
         while not self._closed.is_set():
             try:
-                connection = self._connected(name, address, links)
+                connection = self._connected(name, address, links, failed)
             except VolsplatError as error:
                 self._note(name, str(error))
                 self._closed.wait(LOOK_SECONDS)
                 continue
             with self._lock:
                 self._why.pop(name, None)
+            self._is_our_turn.set()
             links.serve(connection)
 
-    def _connected(self, name: str, address: Address, links: ServerLinks) -> Connection:
+    def _connected(
+        self, name: str, address: Address, links: ServerLinks, failed: Callable[[VolsplatError], None]
+    ) -> Connection:
         return call(
             address,
             name,
@@ -165,6 +183,7 @@ class ClusterServers:
             patience=CALL_SECONDS,
             report=lambda line: self._note(name, line),
             given_up=self._closed.is_set,
+            failed=failed,
         )
 
     def _note(self, name: str, line: str) -> None:
@@ -264,8 +283,9 @@ class ClusterServers:
 
     def _reasons(self, missing: list[str]) -> str:
         with self._lock:
-            known = [self._cut_off(name) or self._why.get(name, f"{name} has not joined") for name in missing]
-        return "; ".join(dict.fromkeys(known))
+            known = [self._cut_off(name) or self._why.get(name, "") for name in missing]
+        reasons = [reason for reason in known if reason] or [f"{name} has not joined" for name in missing]
+        return "; ".join(dict.fromkeys(reasons))
 
 
 def _has_both_kinds(state: ClusterState) -> bool:

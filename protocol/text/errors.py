@@ -27,3 +27,7 @@ class TooEarly(VolsplatError):
 
 class PeerLost(VolsplatError):
     """A server that a frame needs is gone."""
+
+
+class TurnedAway(PeerLost):
+    """A server that waits for clients serves another one."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
-from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, TurnedAway, VolsplatError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
@@ -70,8 +70,8 @@ class Accepter:
                 answer = handshake.receive(received.message)
             except RemoteProtocolError as error:
                 raise RemoteProtocolError(f"{connection} broke the protocol: {error}") from error
-            except PeerLost as error:
-                raise PeerLost(f"{connection} {error}") from error
+            except TurnedAway as error:
+                raise TurnedAway(f"{connection} {error}") from error
             if answer is not None:
                 connection.send(answer)
             if handshake.state is State.REJECTED:

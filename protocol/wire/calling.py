@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
@@ -20,15 +20,24 @@ def call(
     patience: float,
     report: Callable[[str], None],
     given_up: Callable[[], bool],
+    failed: Callable[[VolsplatError], None] = lambda error: None,
 ) -> Connection:
     """An open connection to the server that waits at `address`; `name` is what people know it by.
 
-    It is tried again while nobody listens there or another client is served; `report` gets each reason once.
+    It is tried again while nobody listens there or another client is served; `report` gets each reason once,
+    and `failed` the error of each try.
     Raises PeerLost where that goes on for `patience` seconds, or BadInput or RemoteProtocolError as `connect` does.
     """
     place = f"{name} at {address}"
 
     def attempt() -> Connection:
+        try:
+            return once()
+        except VolsplatError as error:
+            failed(error)
+            raise
+
+    def once() -> Connection:
         connection = Connection(dialled_socket(address, place), place)
         try:
             connection.limit(HANDSHAKE_SECONDS)

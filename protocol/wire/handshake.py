@@ -22,7 +22,7 @@ from volsplat.protocol.messages.greetings import NONCE_BYTES, Challenge, Hello, 
 from volsplat.protocol.messages.messages import LONGEST_LINE, Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
-from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
+from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, TurnedAway
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.wire.tokens import Token
 
@@ -205,14 +205,14 @@ class AccepterHandshake(Handshake):
     def receive(self, message: Message) -> Challenge | Rejected | None:
         """The message to send next, if any; after Rejected, `rejection` says why.
 
-        Raises RemoteProtocolError, TooEarly where the peer's own token is not known yet, or PeerLost where it rejects
+        Raises RemoteProtocolError, TooEarly where the peer's own token is not known yet, or TurnedAway where it rejects
         this side, which may be otherwise later.
         """
         state = self._next(Does.RECEIVES, type(message))
         match message:
             case Rejected():
                 self.state = state
-                raise PeerLost(printable(message.cause))
+                raise TurnedAway(printable(message.cause))
             case Hello():
                 self.state, self.hello = state, message
                 return self._greeted(message)

@@ -29,7 +29,12 @@ from volsplat.client.session import cluster_servers
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
+from volsplat.protocol.wire.accepting import Accepter
+from volsplat.protocol.wire.addresses import parse_address
+from volsplat.protocol.wire.calling import call
+from volsplat.protocol.wire.connection import Connection
 
 __all__ = ["small_disk"]
 
@@ -150,6 +155,31 @@ def test_a_second_client_is_told_in_one_line_that_another_is_served(person: Pers
                 session.close()
         except BadInput as error:
             assert "serves another client" in str(error)
+
+
+def test_a_client_dials_one_server_first_so_that_no_two_clients_wait_for_each_other(person: Person) -> None:
+    waits = f'{LOCAL}listen = "127.0.0.1:{free_port()}"\nmap-shade-servers = 1\nsplat-servers = 1\n'
+    path = cluster_file(person.folder, f"turns-{os.getpid()}", waits)
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    try:
+        running, said = RunningCluster(path), list[str]()
+        state, accepter = running.state(), Accepter(Role.CLIENT, running.token)
+        assert state is not None
+        first, second = sorted(one.wait_at for one in state.servers)
+
+        def taken(address: str) -> Connection:
+            place = parse_address(address)
+            return call(place, "it", accepter, patience=PATIENCE, report=print, given_up=lambda: False)
+
+        held = taken(first)
+        taken(second).close()
+        with Session(person.folder / "head.nrrd", cluster=path, on_progress=said.append) as session:
+            wait_until(lambda: any("serves another client" in line for line in said), "told")
+            taken(second).close()  # the session has not
+            held.close()
+            assert session.finish(session.default_scene()).complete
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
 def test_a_client_that_is_killed_leaves_servers_for_the_next_one(person: Person, cluster: Path) -> None:
