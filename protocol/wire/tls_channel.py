@@ -55,8 +55,8 @@ class TlsChannel:
                 self._flush()
                 count = self._receive_raw()
                 if count == 0:
-                    line = f"it ended the TLS handshake; if it gives no other reason: {ONE_SIDED}"
-                    raise ConnectionResetError(errno.ECONNRESET, line)
+                    why = "" if came else f"; if it gives no other reason: {ONE_SIDED}"  # what came was TLS
+                    raise ConnectionResetError(errno.ECONNRESET, f"it ended the TLS handshake{why}")
                 if came == 0 and self._raw[0] != HANDSHAKE_RECORD:
                     raise PlainCaller(f"it does not speak TLS: {ONE_SIDED}")
                 came += count

@@ -16,7 +16,7 @@ from support.thoroughness import examples
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
-from volsplat.protocol.wire.certificates import accepting_context
+from volsplat.protocol.wire.certificates import accepting_context, dialling_context
 from volsplat.protocol.wire.channel import unsent
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -48,6 +48,22 @@ def of_machine() -> str | None:
         probe.connect(("192.0.2.1", 9))
         return str(probe.getsockname()[0])
     return None
+
+
+@pytest.mark.parametrize("speaks_tls", [True, False])
+def test_who_leaves_in_the_handshake_is_suspected_of_no_tls_only_if_it_spoke_none(speaks_tls: bool) -> None:
+    one, other = socket.socketpair()
+    with one, other:
+        if speaks_tls:
+            greeting = ssl.MemoryBIO()
+            caller = dialling_context().wrap_bio(ssl.MemoryBIO(), greeting)
+            with suppress(ssl.SSLWantReadError):
+                caller.do_handshake()
+            other.sendall(greeting.read())
+        other.shutdown(socket.SHUT_WR)
+        with pytest.raises(ConnectionResetError, match="it ended the TLS handshake") as told:
+            TlsChannel(one, lambda: None, accepts=True).shake_hands()
+        assert ("asked for by one side alone" in str(told.value)) is not speaks_tls
 
 
 buffer_lists = st.lists(st.binary(max_size=70_000), min_size=1, max_size=20)
