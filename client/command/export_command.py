@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 
-from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
@@ -15,6 +14,7 @@ from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS

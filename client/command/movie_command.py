@@ -9,7 +9,6 @@ from typing import Any, get_args
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
@@ -25,8 +24,9 @@ from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
-from volsplat.client.movie.movie_formats import check_clear, check_movie_writable
+from volsplat.client.movie.movie_formats import check_clear, check_movie_writable, first_file
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
@@ -103,7 +103,7 @@ def movie(
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
     check_found(volume, True, cluster)
-    check_written_apart(volume, output, trace)
+    check_written_apart(volume, first_file(output), records=[trace])
     if keys:
         check_key_count(len(keys), frames)
     options.key_scenes(None, keys)

@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 
-from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
@@ -24,6 +23,7 @@ from volsplat.client.command.render_outputs import Outputs, step_image_path
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.empty_image import why_empty
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
@@ -97,7 +97,7 @@ def render(
         raise BadInput("--single has no servers to listen for; leave out --single or --listen")
     check_found(volume, spawns, cluster)
     scene_options.scene_of(None)
-    check_written_apart(volume, *outputs.files, trace)
+    check_written_apart(volume, *outputs.pictures, records=[outputs.report, trace])
     outputs.check()
     if figure is not None and output is not None:
         check_words(figure, output)

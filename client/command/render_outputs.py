@@ -27,9 +27,9 @@ class Outputs:
     transparent: bool = False
 
     @property
-    def files(self) -> list[Path]:
+    def pictures(self) -> list[Path | None]:
         steps = [] if self.steps_dir is None else [step_image_path(self.steps_dir, step) for step in Step]
-        return [*(path for path in (self.image, self.report) if path is not None), *steps]
+        return [self.image, *steps]
 
     def check(self) -> None:
         """Raise BadInput before any work if a file could not be written."""
@@ -53,6 +53,8 @@ class Outputs:
 
 def check_file_writable(option: str, path: Path) -> None:
     """Raises BadInput for a file that an option names and that could not be written."""
+    if str(path) == "-":
+        raise BadInput(f"{option} -: is no name of a file here; {option} /dev/stdout writes to the standard output")
     if path.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInput(f"{path}: cannot write this file; name another with {option}")
 

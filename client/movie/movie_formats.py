@@ -24,6 +24,11 @@ def video_encoder(path: Path) -> tuple[str, ...] | None:
     return None if path.is_dir() else VIDEO_ENCODERS.get(path.suffix.lower())
 
 
+def first_file(path: Path) -> Path:
+    """The first that is written of a movie."""
+    return path if video_encoder(path) is not None else frame_image_path(path, 1)
+
+
 def check_movie_writable(path: Path) -> None:
     """Raise BadInput, in one line, if no movie could be written to `path`. Nothing is left behind."""
     if video_encoder(path) is None:

@@ -35,7 +35,6 @@ from volsplat.client.caller.arguments import (
 )
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.caller.own_process import OwnProcess
-from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.coordinator.coordinator_events import (
     FolderAsked,
     Found,
@@ -48,6 +47,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.histogram.plane_counts import PlaneCounts
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_images import AskedImages
 from volsplat.client.session.cluster_servers import ClusterServers
@@ -135,7 +135,7 @@ class Session:
             raise BadInput(SAVE_FIRST)
         name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
         if trace is not None and name is not None:
-            check_written_apart(name, Path(trace))
+            check_written_apart(name, records=[Path(trace)])
         listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_bytes(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")

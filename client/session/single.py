@@ -25,7 +25,6 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.caller.own_process import OwnProcess
-from volsplat.client.caller.written_apart import check_written_apart
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
@@ -40,6 +39,7 @@ from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
@@ -115,7 +115,7 @@ class SingleProcess:
         self._in_memory = volume_in_memory(volume)
         name = absolute_name(checked_volume(volume if self._in_memory is None else self._in_memory.place))
         if trace is not None:
-            check_written_apart(name, Path(trace))
+            check_written_apart(name, records=[Path(trace)])
         memory = None if memory is None else checked_bytes(memory, "memory")
         threads = checked_count(threads, "threads")
         self._say = on_progress or (lambda text: None)

@@ -12,6 +12,7 @@ import numpy
 import PIL.Image
 import psutil
 import pytest
+import tifffile
 import torch
 
 from support.files.images import read_image
@@ -409,8 +410,67 @@ def test_info_follows_links_out_of_the_folder_and_names_folders_above(person: Pe
 
 
 @pytest.mark.parametrize(
+    ("volume", "written"),
+    [
+        ("head.nhdr", ["-o", "a.png", "--report", "head.raw"]),
+        ("head.nhdr", ["-o", "a.png", "--trace", "head.raw"]),
+        ("head.nhdr", ["-o", "a.png", "--single", "--trace", "head.raw"]),
+        ("pages", ["-o", "pages/page-3.png"]),
+        ("pages", ["-o", "pages/beside.png"]),
+        ("pages#page-,spacing=1x1x2", ["-o", "pages/page-9.png"]),
+        ("pages", ["-o", "a.png", "--steps-dir", "pages"]),
+        ("pages", ["-o", "a.png", "--trace", "pages/page-3.png"]),
+        ("tiffs", ["-o", "tiffs/page-3.tif"]),
+        ("two.ome.tif", ["-o", "page.tif"]),
+    ],
+)
+def test_nothing_is_written_over_a_file_that_belongs_to_the_volume(
+    person: Person, volume: str, written: list[str]
+) -> None:
+    before = several_files(person.folder)
+    done = person.runs("render", volume, *written)
+    assert done.returncode == EXIT_BAD_INPUT and written[-1] in one_line(done)
+    assert contents(person.folder) == before
+
+
+def test_images_lie_in_the_volumes_folder_where_they_are_no_slices(person: Person) -> None:
+    several_files(person.folder)
+    for report in ("new.json", "new.json"):
+        done = person.runs("render", "pages#page-", *SIZE, "-o", "pages/beside.png", "--report", report)
+        assert done.returncode == 0, done.stderr
+    assert person.runs("render", "pages#page-", *SIZE, "-o", "pages/beside.png").returncode == 0
+
+
+def test_a_movies_images_are_no_slices(person: Person) -> None:
+    before = several_files(person.folder)
+    done = person.runs("movie", "pages", "-o", "pages", "--frames", "2")
+    assert done.returncode == EXIT_BAD_INPUT and "would be a slice" in one_line(done)
+    assert contents(person.folder) == before
+
+
+def several_files(folder: Path) -> dict[Path, bytes]:
+    """Volumes of several files each, and what these hold."""
+    write_volume(folder / "head.nhdr", *make_phantom("head", size=(8, 8, 8)))
+    for place, kind in (("pages", "png"), ("tiffs", "tif")):
+        (folder / place).mkdir()
+        for number in range(4):
+            pixels = numpy.full((8, 8), 50 * number, numpy.uint8)
+            PIL.Image.fromarray(pixels).save(folder / place / f"page-{number}.{kind}")
+    shutil.copy(folder / "tiffs" / "page-1.tif", folder / "page.tif")
+    set_of_files = '<OME><TiffData><UUID FileName="page.tif"/></TiffData></OME>'
+    tifffile.imwrite(folder / "two.ome.tif", numpy.zeros((8, 8), numpy.uint8), description=set_of_files, metadata=None)
+    return contents(folder)
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.parametrize(
     ("command", "told"),
     [
+        (["render", "V", "-o", "a.png", "--report", "-"], "--report -: is no name of a file"),
+        (["render", "V", "-o", "a.png", "--report", "notes.txt"], "notes.txt: is there already and holds no JSON"),
         (["render", "V", "-o", "a.png", "--trace", "V"], "V: this is the volume itself"),
         (["render", "V", "-o", "a.png", "--single", "--trace", "link.json"], "link.json: this is the volume itself"),
         (["render", "V", "-o", "a.png", "--report", "V"], "V: this is the volume itself"),
@@ -426,8 +486,9 @@ def test_nothing_is_written_over_the_volume_or_over_one_another(
 ) -> None:
     shutil.copy(head, person.folder / "v.nrrd")
     (person.folder / "link.json").symlink_to("v.nrrd")
+    (person.folder / "notes.txt").write_text("of a month", encoding="utf-8")
     again = f"../{person.folder.name}/t"
     done = person.runs(*(word.replace("V", "v.nrrd").replace("../T", again) for word in command))
     assert done.returncode == EXIT_BAD_INPUT and done.stderr.startswith(f"volsplat: {told.replace('V', 'v.nrrd')}")
     assert (person.folder / "v.nrrd").read_bytes() == head.read_bytes()
-    assert sorted(path.name for path in person.folder.iterdir()) == ["link.json", "v.nrrd"]
+    assert sorted(path.name for path in person.folder.iterdir()) == ["link.json", "notes.txt", "v.nrrd"]
