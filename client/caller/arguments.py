@@ -105,7 +105,8 @@ def checked_volume(volume: "str | os.PathLike[str]") -> str:
     except TypeError:
         name = ""
     if not isinstance(name, str) or not name or "\0" in name:
-        raise BadInput(f"a volume's path or URL is wanted, not {_shown(volume)}")
+        cure = "; make an array of it by np.array" if isinstance(volume, list | tuple) else ""
+        raise BadInput(f"a volume's path or URL, or an array, is wanted, not {_shown(volume)}{cure}")
     return str(Path(name)) if isinstance(volume, Path) else name
 
 

@@ -72,6 +72,10 @@ class Volume:
         self._description = _description(source, _kind(kind), unit, value_unit, name)
         self._shared: SharedMemory = shared_memory(self._description, source.values)
 
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, self._description.geometry.dims))
+        return f"<volsplat volume in memory {self._description.name}: {size} voxels of {self._description.scalar_type}>"
+
     @property
     def description(self) -> VolumeDescription:
         return self._description
@@ -101,12 +105,20 @@ def _in_order(source: ArraySource, axes: str) -> ArraySource:
         raise BadInput(f"axes={axes!r}: name each of x, y and z once, in the order of the array's axes, as 'zyx'")
     shape = tuple(source.values.shape)
     if len(shape) != 3:
-        raise BadInput(f"an array of shape {shape} is no volume, which has three axes; choose a part, as array[0]")
+        raise BadInput(f"an array of shape {shape} is no volume, which has three axes; {_made_three(shape)}")
     if 0 in shape:
         raise BadInput(f"an array of shape {shape} has no voxels; choose a part that has some")
     if axes == "zyx":
         return source
     return replace(source, values=np.asarray(source.values).transpose([axes.index(axis) for axis in "zyx"]))
+
+
+def _made_three(shape: tuple[int, ...]) -> str:
+    """How an array of another number of axes becomes a volume."""
+    if len(shape) < 3:
+        return "put slices together, as np.stack(slices)"
+    are_colours = len(shape) == 4 and shape[-1] in (3, 4)
+    return f"choose a part, as array[{'..., 0' if are_colours else ', '.join('0' * (len(shape) - 3))}]"
 
 
 def _placed(source: ArraySource, spacing: Any, origin: Any, affine: Any, space: str) -> ArraySource:

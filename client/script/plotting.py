@@ -14,7 +14,7 @@ from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
-from volsplat.client.memory.array_volume import Volume
+from volsplat.client.memory.array_volume import UNPLACED, Volume
 from volsplat.client.scene.presets import PRESETS, Preset, preset_scene
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
@@ -34,6 +34,10 @@ NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's c
 
 class UnsuitedPreset(UserWarning):
     """The preset is made for another kind of data than the volume says that it is."""
+
+
+class VolumeNote(UserWarning):
+    """What had to be assumed of a volume, or is odd about it: what the command prints as notes."""
 
 
 @overload
@@ -69,6 +73,7 @@ def render(
     if isinstance(volume, Session | SingleProcess):
         return _rendered(volume, scene, step, figure, changes)
     with SingleProcess(volume, threads=usable_cores()) as renderer:
+        _tell_notes(renderer.volume)
         return _rendered(renderer, scene, step, figure, changes)
 
 
@@ -143,6 +148,7 @@ def export(
     if isinstance(volume, SingleProcess):
         return _exported(volume, scene, place, level, every, light, changes)
     with SingleProcess(volume, threads=usable_cores()) as single:
+        _tell_notes(single.volume)
         return _exported(single, scene, place, level, every, light, changes)
 
 
@@ -159,6 +165,13 @@ def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[
         return render(volume, scene, **changes)
     session = volume if isinstance(volume, Session) else Session(volume)  # which the kernel's end closes
     return session.widget(_scene(session.volume, scene, changes))
+
+
+def _tell_notes(volume: SurveyedVolume) -> None:
+    """Of a volume that was opened for this; that an array does not say how it lies was told with its own warning."""
+    for note in (*volume.description.warnings, *volume.notes()):
+        if note != UNPLACED:
+            warnings.warn(note, VolumeNote, stacklevel=level_of_caller())
 
 
 def _rendered(

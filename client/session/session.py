@@ -19,7 +19,7 @@ from concurrent.futures import Future
 from contextlib import nullcontext
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from volsplat.client.caller.arguments import (
     checked_address,
@@ -134,6 +134,7 @@ class Session:
         if self._in_memory is not None and (cluster is not None or not spawn):
             raise BadInput(SAVE_FIRST)
         name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        self._shown = name if self._in_memory is None else self._in_memory.description.name
         if trace is not None and name is not None:
             check_written_apart(name, records=[Path(trace)])
         listen = checked_address(listen, "listen")
@@ -398,6 +399,12 @@ class Session:
         self._coordination.fail(PeerLost("the session is closed"))
         if self._tracer is not None:
             self._tracer.close()
+
+    def __repr__(self) -> str:
+        return f"<volsplat session of {self._shown}{', closed' * self._closed}>"
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a session belongs to the process that opened it and cannot be copied or pickled; open another")
 
     def __enter__(self) -> Session:
         return self

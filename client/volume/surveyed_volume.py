@@ -42,6 +42,12 @@ class SurveyedVolume:
     extremes: BlockExtremes
     prepared: Prepared | None = None  # where its packets were made before
 
+    def __repr__(self) -> str:
+        """Not all that was counted."""
+        told, survey = self.description, self.survey
+        size = " x ".join(map(str, told.geometry.dims))
+        return f"<volsplat volume {told.name}: {size} voxels of {told.scalar_type}, {survey.low:g} to {survey.high:g}>"
+
     def __getstate__(self) -> dict[str, Any]:
         """For pickle: what it is made of, without what was worked out from that."""
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from volsplat.client.scene.colour_maps import colormap as colormap
     from volsplat.client.scene.presets import PRESETS as presets
     from volsplat.client.script.plotting import UnsuitedPreset as UnsuitedPreset
+    from volsplat.client.script.plotting import VolumeNote as VolumeNote
     from volsplat.client.script.plotting import export as export
     from volsplat.client.script.plotting import plot as plot
     from volsplat.client.script.plotting import render as render
@@ -42,6 +43,7 @@ _ROOMS = {
     "UnsuitedPreset": "volsplat.client.script.plotting",
     "Volume": "volsplat.client.memory.array_volume",
     "VolsplatError": "volsplat.protocol.text.errors",
+    "VolumeNote": "volsplat.client.script.plotting",
     "colormap": "volsplat.client.scene.colour_maps",
     "export": "volsplat.client.script.plotting",
     "open": "volsplat.client.session.session",
@@ -65,6 +67,7 @@ __all__ = [
     "UnsuitedPreset",
     "VolsplatError",
     "Volume",
+    "VolumeNote",
     "colormap",
     "export",
     "open",

@@ -63,6 +63,27 @@ def test_images_can_be_sent_from_process_to_process(image: vs.RenderedImage, tmp
     assert pickle.loads(pickle.dumps(image)).tensor.equal(image.tensor)
 
 
+def test_what_had_to_be_assumed_of_a_volume_is_a_warning_at_the_call(tmp_path: Path) -> None:
+    (tmp_path / "slices").mkdir()
+    for number in range(4):
+        Image.fromarray(np.full((8, 8), 50 * number, np.uint8)).save(tmp_path / "slices" / f"{number}.png")
+    with pytest.warns(vs.VolumeNote, match="pictures state no size of their voxels") as told:
+        vs.render(tmp_path / "slices", size=16)
+    assert [warning.filename for warning in told] == [__file__]
+    with pytest.warns(vs.VolumeNote, match="a block without structure"):
+        vs.render(vs.Volume(np.ones((4, 4, 4), np.float32), spacing=(1, 1, 1)), size=16)
+
+
+def test_what_is_looked_at_in_a_notebook_is_a_line(image: vs.RenderedImage) -> None:
+    assert repr(BALL) == "<volsplat volume in memory ball: 16 x 16 x 16 voxels of uint8>"
+    with vs.open(BALL, workers=1, threads=1) as session:
+        assert repr(session.volume) == "<volsplat volume ball: 16 x 16 x 16 voxels of uint8, 0 to 200>"
+        assert repr(session) == "<volsplat session of ball>"
+        with pytest.raises(TypeError, match="cannot be copied or pickled; open another"):
+            pickle.dumps(session)
+    assert repr(session) == "<volsplat session of ball, closed>"
+
+
 def test_presets_are_there_by_name() -> None:
     drawn = vs.render(BALL, "depth-cue", size=16)
     assert drawn.scene.cross_bar.modu == "screen-z" and "depth-cue" in vs.presets

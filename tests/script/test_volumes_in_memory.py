@@ -185,7 +185,9 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
 @pytest.mark.parametrize(
     ("array", "options", "message"),
     [
-        (VALUES[0], {}, "of shape (7, 8) is no volume"),
+        (VALUES[0], {}, "of shape (7, 8) is no volume, which has three axes; put slices together, as np.stack(slices)"),
+        (VALUES[None, None], {}, "no volume, which has three axes; choose a part, as array[0, 0]"),
+        (VALUES[..., None].repeat(3, -1), {}, "no volume, which has three axes; choose a part, as array[..., 0]"),
         (VALUES[:0], {}, "of shape (0, 7, 8) has no voxels"),
         (VALUES.astype(complex), {}, "an array of complex128 is no volume"),
         (VALUES, {"kind": "CT"}, "kind=CT: is of a patient, whose sides the array does not tell; give spacing="),

@@ -149,7 +149,8 @@ def test_steps_points_and_intervals_may_be_other_libraries_too(renderer: Rendere
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"volume": ""}, "a volume's path or URL is wanted"),
+        ({"volume": ""}, "a volume's path or URL, or an array, is wanted"),
+        ({"volume": [[[1]]]}, r"not the list \[\[\[1\]\]\]; make an array of it by np.array"),
         ({"workers": "2"}, "workers must be a whole number, not the str '2'"),
         ({"workers": 2.5}, "workers must be a whole number"),
         ({"workers": 0}, "workers must be 1 or more"),
