@@ -95,6 +95,30 @@ def test_who_wants_less_motion_sees_none(page: Page) -> None:
     page.locator(".vs-preset").first.wait_for(state="hidden")
 
 
+BACKGROUNDS = """(them) => them.map((one) => getComputedStyle(one).backgroundColor)"""
+
+
+def test_in_a_persons_own_few_colours_what_is_on_or_chosen_is_seen(page: Page) -> None:
+    page.emulate_media(forced_colors="active")
+    try:
+        chosen = {
+            *page.locator(".vs-wire:checked, .vs-step.vs-now, .vs-toggle [aria-pressed=true]").evaluate_all(BACKGROUNDS)
+        }
+        others = {
+            *page.locator(
+                ".vs-wire:not(:checked), .vs-step:not(.vs-now), .vs-toggle [aria-pressed=false]"
+            ).evaluate_all(BACKGROUNDS)
+        }
+        assert len(chosen) == 1 and not chosen & others
+        tracks = [page.locator(f".vs-switch[aria-checked={on}] .q-toggle__inner").first for on in ("true", "false")]
+        on, off = (track.evaluate("(track) => getComputedStyle(track).color") for track in tracks)
+        assert on != off and {
+            track.evaluate("(track) => getComputedStyle(track).forcedColorAdjust") for track in tracks
+        } == {"none"}
+    finally:
+        page.emulate_media(forced_colors="none")
+
+
 def test_every_part_is_reached_within_ten_tabs(page: Page) -> None:
     for part, place in PARTS.items():
         page.evaluate(TO_THE_BEGINNING)
