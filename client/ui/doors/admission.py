@@ -9,6 +9,7 @@ and loopback knows no users, so a cookie alone opens nothing: what asks must als
 from __future__ import annotations
 
 import hmac
+import logging
 import re
 import secrets
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +19,8 @@ from urllib.parse import parse_qsl, quote, urlencode
 from volsplat.client.ui.doors.peer_owner import PeerOwner, own_peers
 from volsplat.client.ui.doors.public_address import PublicAddress
 
+log = logging.getLogger(__name__)
+
 TOKEN_PARAMETER = "token"
 
 _SECRET_BYTES = 24
@@ -26,6 +29,7 @@ _HOST = re.compile(r"(?:localhost|127\.0\.0\.1|\[::1\])(?::[0-9]{1,5})?")
 _FROM_ELSEWHERE = ("cross-site", "same-site")  # the latter: another port of this host
 
 _STRANGER = "this page belongs to another user of this machine"
+_PROXY_USER = "the proxy in front of it must run as that user, or as root"
 _METHOD = "the page takes GET, HEAD and POST"
 _ADDRESS = "this page is reached as localhost or 127.0.0.1; from another machine, forward its port with ssh -L"
 _ANOTHER_PAGE = "another page asked for this; open the address yourself"
@@ -101,6 +105,7 @@ class Admission:
         self._cookie = secrets.token_urlsafe(_SECRET_BYTES)
         self._once: dict[str, Callable[[], None]] = {}
         self._peers = peers or own_peers()
+        self._told_of_proxy = False
 
     def token_for_once(self, on_use: Callable[[], None]) -> str:
         """A token that opens the page one time; `on_use` is called then."""
@@ -111,14 +116,14 @@ class Admission:
     def judge(self, asked: Asked) -> Admitted | Welcomed | Refused:
         """From any thread."""
         if self._peers.is_stranger(asked.peer, asked.here):
-            return Refused(403, _STRANGER)
+            return Refused(403, _STRANGER if self.behind is None else f"{_STRANGER}; {_PROXY_USER}")
         if asked.method not in _METHODS:
             return Refused(405, _METHOD)
         place = self._place(asked)
         if place is None:
             return Refused(403, _ADDRESS)
         if any(origin.lower() != place.origin for origin in asked.values("origin")):
-            return Refused(403, _ANOTHER_PAGE)
+            return Refused(403, self._why_another_page(asked, place))
         cookie = f"volsplat-{place.port}"  # by the browser's port: several sessions may be forwarded to it
         if asked.method == "GET" and not asked.is_socket and (once := self._opens(asked)) is not None:
             return Welcomed(
@@ -141,6 +146,19 @@ class Admission:
         if self.behind is not None and host == self.behind.host:
             return self.behind
         return PublicAddress("http", host) if _HOST.fullmatch(host) else None
+
+    def _why_another_page(self, asked: Asked, place: PublicAddress) -> str:
+        """The page where the proxy shows it is taken for another one if the proxy asks by another name."""
+        if self.behind is None or [origin.lower() for origin in asked.values("origin")] != [self.behind.origin]:
+            return _ANOTHER_PAGE
+        why = (
+            f"the proxy asks for {place.host}, but the page is at {self.behind.host}: have it hand on the browser's "
+            "Host, as nginx does by `proxy_set_header Host $http_host`"
+        )
+        if not self._told_of_proxy:
+            self._told_of_proxy = True
+            log.warning("%s", why)
+        return why
 
     def _opens(self, asked: Asked) -> bool | None:
         """Whether its token is one for once; None if it has none that opens anything."""

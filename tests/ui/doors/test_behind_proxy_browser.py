@@ -103,6 +103,20 @@ def test_only_the_address_that_was_given_is_let_in_besides_this_machine() -> Non
     assert isinstance(ask(Admission(PeerOwner(None)), "hub.example.org", "/", token), Refused)
 
 
+def test_a_proxy_that_asks_by_another_name_is_told_of_and_of_which(caplog: pytest.LogCaptureFixture) -> None:
+    admission = Admission(PeerOwner(None), HUB)
+    for _ in range(3):  # scripts
+        refused = ask(admission, "127.0.0.1:8123", "/volsplat/scripts/x.js", origin=HUB.origin)
+    assert (
+        isinstance(refused, Refused) and "asks for 127.0.0.1:8123, but the page is at hub.example.org" in refused.reason
+    )
+    assert [record.getMessage() for record in caplog.records] == [refused.reason]
+    assert "another page" in getattr(
+        ask(admission, "127.0.0.1:8123", origin="https://elsewhere.example.org"), "reason", ""
+    )
+    assert len(caplog.records) == 1
+
+
 @pytest.mark.parametrize(
     "url",
     ["", "hub.example.org/user/me", "ftp://hub/x/", "https:///x/", "https://hub/x?y", "https://me@hub/", "http://h:x/"]
