@@ -12,6 +12,7 @@ from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 SLICE_KINDS = ((".png", ".jpg", ".jpeg"), (".tif", ".tiff"))  # of folders whose pictures are slices
+ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")  # of folders that are a store, also one of packets
 HEADER_BYTES = 1 << 18  # at the file's beginning and at its end: a TIFF's description may be at either
 JSON_BEGINS = (b"{", b"[")
 
@@ -47,6 +48,8 @@ def check_replaces_json(path: Path) -> None:
 
 def _check_is_not_of(place: Path, part: str, path: Path) -> None:
     if place.is_dir():
+        if any((place / mark).exists() for mark in ZARR_MARKS) and _lies_in(place, path):
+            raise BadInput(f"{path}: would lie in the volume's own store; write into another folder")
         if _is_slice(place, part, path):
             raise BadInput(f"{path}: would be a slice of the volume, whose folder this is; write into another folder")
     elif path.exists() and place.exists():
@@ -54,6 +57,10 @@ def _check_is_not_of(place: Path, part: str, path: Path) -> None:
             raise BadInput(f"{path}: this is the volume itself; give another name for what is written")
         if place.is_file() and _names(place, path.name):
             raise BadInput(f"{path}: {place.name} names this as a file of the volume; give another name")
+
+
+def _lies_in(folder: Path, path: Path) -> bool:
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 
 def _is_slice(folder: Path, part: str, path: Path) -> bool:

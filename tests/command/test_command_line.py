@@ -422,6 +422,8 @@ def test_info_follows_links_out_of_the_folder_and_names_folders_above(person: Pe
         ("pages", ["-o", "a.png", "--trace", "pages/page-3.png"]),
         ("tiffs", ["-o", "tiffs/page-3.tif"]),
         ("two.ome.tif", ["-o", "page.tif"]),
+        ("v.zarr", ["-o", "a.png", "--report", "v.zarr/zarr.json"]),
+        ("v.zarr", ["-o", "v.zarr/inner/a.png"]),
     ],
 )
 def test_nothing_is_written_over_a_file_that_belongs_to_the_volume(
@@ -457,6 +459,8 @@ def several_files(folder: Path) -> dict[Path, bytes]:
             pixels = numpy.full((8, 8), 50 * number, numpy.uint8)
             PIL.Image.fromarray(pixels).save(folder / place / f"page-{number}.{kind}")
     shutil.copy(folder / "tiffs" / "page-1.tif", folder / "page.tif")
+    (folder / "v.zarr" / "inner").mkdir(parents=True)
+    (folder / "v.zarr" / "zarr.json").write_text("{}", encoding="utf-8")
     set_of_files = '<OME><TiffData><UUID FileName="page.tif"/></TiffData></OME>'
     tifffile.imwrite(folder / "two.ome.tif", numpy.zeros((8, 8), numpy.uint8), description=set_of_files, metadata=None)
     return contents(folder)
