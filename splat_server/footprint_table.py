@@ -14,6 +14,7 @@ FINEST_RATIO = 64  # offsets a voxel that a table keeps even beyond the cache: w
 COARSEST_OFFSET_BITS = 3  # 8 offsets a pixel, likewise
 LARGEST_TABLE = 1 << 25  # bytes: beyond, offsets give way
 ROUNDING = 1e-6  # of a logarithm
+LARGEST_HALF = 1 << 14  # pixels from the middle of one, which kernels count in 16 bits
 LARGEST_SINGLE = 1 << 28  # of one offset: beyond, a footprint is larger than any image
 
 
@@ -49,9 +50,12 @@ def offset_bits_for(shape: FootprintShape) -> int:
 def footprint_table(shape: FootprintShape, threads: int = 1) -> FootprintTable:
     """The table of a view, made by so many threads. Raises BadInput where one footprint is larger than any image."""
     ellipse = _ellipse(shape)
-    if FootprintTable.bytes_needed(ellipse, 0) > LARGEST_SINGLE:
+    if max(shape.half_width, shape.half_height) >= LARGEST_HALF or (
+        FootprintTable.bytes_needed(ellipse, 0) > LARGEST_SINGLE
+    ):
         raise BadInput(
-            f"a voxel's footprint is {2 * shape.half_width:.0f} x {2 * shape.half_height:.0f} pixels; lower the zoom"
+            f"a voxel's footprint is {2 * shape.half_width:.5g} x {2 * shape.half_height:.5g} pixels; lower the zoom, "
+            "or correct the volume's spacing if its voxels are not as long as that (`volsplat info` shows it)"
         )
     return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape), threads)
 

@@ -68,7 +68,11 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if not all(abs(number) <= GREATEST_COEFFICIENT for row in self.form for number in row):
             raise ValueError(f"the coefficients of a kernel's ellipsoid must be {GREATEST_COEFFICIENT:g} at most")
         if not all(0 < extent <= LARGEST_REACH for extent in self.half_extents):
-            raise ValueError(f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {self.half_extents}")
+            reach = " x ".join(f"{extent:.5g}" for extent in self.half_extents)
+            raise ValueError(
+                f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {reach}; lower the zoom, or correct "
+                "the volume's spacing if its voxels are not as long as that"
+            )
         if not 1 <= self.baseline <= GREATEST_BASELINE:
             raise ValueError(f"gradients look 1 to {GREATEST_BASELINE} pixels aside, not {self.baseline}")
         if not all(0 <= voxels <= LONGEST_AXIS for voxels in self.beyond):

@@ -194,9 +194,10 @@ def test_offsets_are_at_least_eight_a_pixel_unless_footprints_are_very_large(dat
 def test_a_huge_footprint_is_coarse_and_one_beyond_any_image_refused() -> None:
     huge = footprint_table(shape_of(256.0))
     assert huge.offset_bits < 3 and huge.width == 4 * 256
-    long: matrices.Matrix = ((100.0, 0.0, 0.0), (0.0, 100.0, 0.0), (0.0, 0.0, 0.01))
-    with pytest.raises(BadInput, match="lower the zoom"):
-        footprint_table(shape_of(256.0, matrix=long))
+    for length in (100.0, 1000.0):  # the latter beyond what kernels count in
+        long: matrices.Matrix = ((length, 0.0, 0.0), (0.0, length, 0.0), (0.0, 0.0, 0.01))
+        with pytest.raises(BadInput, match="lower the zoom, or correct the volume's spacing"):
+            footprint_table(shape_of(256.0, matrix=long))
 
 
 @settings(max_examples=examples(25))
