@@ -25,6 +25,7 @@ class PlainConsole(Console):
 
     def __init__(self, *, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False)
+        self._status: PlainStatus | None = None
 
     def say(self, line: str) -> None:
         """Print one line, whatever its length: only the terminal breaks it, so that a path can be copied."""
@@ -32,7 +33,13 @@ class PlainConsole(Console):
 
     def status(self, status: RenderableType, **options: Any) -> PlainStatus:
         """What is being done, while it is. Its `update` takes plain words, too."""
-        return PlainStatus(_plain(status), console=self, **options)
+        self._status = PlainStatus(_plain(status), console=self, **options)
+        return self._status
+
+    def end_status(self) -> None:
+        """Before its block ends: what follows goes on until a person ends it, and nothing needs to be waited for."""
+        if self._status is not None:
+            self._status.stop()
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """All that is printed passes here."""

@@ -177,6 +177,7 @@ def _serve(
     application = Application(shown, build, address, grace)
 
     def ready() -> None:
+        console.end_status()
         what = "volsplat" if shown.viewing is None else shown.viewing.volume.description.name
         for line in (f"{what} is at", "", f"    {address.url}", ""):
             console.say(line)

@@ -26,6 +26,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+HIDES_CURSOR, SHOWS_CURSOR = b"\x1b[?25l", b"\x1b[?25h"  # before and after what moves
 SAID = {signal.SIGINT: ["volsplat: interrupted"], signal.SIGTERM: [], signal.SIGHUP: []}
 
 
@@ -69,6 +70,22 @@ def test_a_signal_ends_it_while_it_waits_for_servers(volume: Path, tmp_path: Pat
     begun = Begun(volume, tmp_path, "--listen", "127.0.0.1:0", "--token-file", str(tmp_path / "token"))
     wait_until(lambda: "waiting for servers" in begun.said(), "waiting")
     begun.ends_by(signal.SIGTERM)
+
+
+def test_once_the_page_is_served_nothing_moves_on_the_terminal(volume: Path, tmp_path: Path) -> None:
+    ours, terminal = os.openpty()
+    command = [str(VOLSPLAT), "view", str(volume), "--no-browser", "--workers", "1"]
+    environment = Person(tmp_path).environment | {"TERM": "xterm"}
+    with subprocess.Popen(command, env=environment, stderr=terminal, cwd=tmp_path) as process:
+        os.close(terminal)
+        said = b""
+        while b"?token=" not in said:
+            said += os.read(ours, 1 << 16)
+        shown, _, _ = said.partition(b"head.nrrd is at")
+        assert shown.rfind(HIDES_CURSOR) >= 0 and shown.rfind(SHOWS_CURSOR) > shown.rfind(HIDES_CURSOR)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == STATUS[signal.SIGINT]
+    os.close(ours)
 
 
 @pytest.mark.parametrize("number", STATUS, ids=str)
