@@ -48,7 +48,7 @@ def _status() -> int:
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         hint = f"; see {context.command_path} --help" if context is not None else ""
-        return _told(error.format_message().rstrip(".") + hint, EXIT_BAD_INPUT)
+        return _told(error.format_message().rstrip(".") + _taken_for_option(error) + hint, EXIT_BAD_INPUT)
     except VolsplatError as error:
         return _told(str(error), status_of(error))
     except MemoryError:
@@ -66,6 +66,15 @@ def _status() -> int:
             raise
         return _told(line, EXIT_BAD_INPUT)
     return 0
+
+
+def _taken_for_option(error: Exception) -> str:
+    """How a file is named whose name begins like an option's."""
+    from click import NoSuchOption
+
+    files = (word for word in sys.argv[1:] if word.startswith("-") and os.path.exists(word))
+    file = next(files, None) if isinstance(error, NoSuchOption) else None
+    return "" if file is None else f"; the file of that name is given as ./{file}"
 
 
 def _listen_to_signals() -> None:

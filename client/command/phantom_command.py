@@ -13,7 +13,14 @@ from volsplat.client.command.help_page import helped
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
-from volsplat.client.phantoms.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
+from volsplat.client.phantoms.volume_writer import (
+    NRRD,
+    check_volume_writable,
+    check_voxels_apart,
+    extension_of,
+    write_nrrd,
+    write_volume,
+)
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.volume import Index
@@ -39,6 +46,7 @@ NRRD is written while it is made, in little memory, whatever the size.
 @click.option("--seed", type=int, default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
     check_volume_writable(output)
+    check_voxels_apart(output)
     made = streamed_phantom(
         name,
         size=size_of_grid(size) if size else None,

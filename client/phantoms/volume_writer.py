@@ -30,6 +30,7 @@ COMPRESSED = {
     ".tiff": True,
 }
 NRRD = ".nrrd"
+HEADERS = (".nhdr", ".mhd")  # whose voxels lie beside them
 TRIED_BYTES = 1 << 16  # more than a disk has left that has just filled up, but for what compression holds back
 NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing if the disk is full
 NRRD_TYPES = {
@@ -59,6 +60,13 @@ def check_volume_writable(path: Path) -> None:
         raise BadInput(f"{path}: is a folder; name a file")
     if not os.access(folder, os.W_OK) or path.exists() and not os.access(path, os.W_OK):
         raise BadInput(f"{path}: cannot be written; choose another place or change its permissions")
+
+
+def check_voxels_apart(path: Path) -> None:
+    """Raises BadInput where voxels beside a new header would take the place of a file that is there already."""
+    voxels = path.with_suffix(".raw")
+    if extension_of(path) in HEADERS and voxels.exists() and not path.exists():
+        raise BadInput(f"{path}: its voxels would go into {voxels}, which is there already; choose another name")
 
 
 def extension_of(path: Path) -> str:

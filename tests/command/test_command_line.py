@@ -171,6 +171,22 @@ def test_a_bad_option_is_one_clear_line_and_status_2(person: Person, head: Path,
     assert person.servers() == []
 
 
+def test_a_file_whose_name_begins_like_an_options_is_told_how_to_be_named(person: Person, head: Path) -> None:
+    shutil.copy(head, person.folder / "-head.nrrd")
+    done = person.runs("info", "-head.nrrd")
+    assert done.returncode == EXIT_BAD_INPUT and "the file of that name is given as ./-head.nrrd; see" in one_line(done)
+    assert person.runs("info", "./-head.nrrd").returncode == 0
+
+
+def test_a_phantom_takes_the_place_of_no_other_volumes_voxels(person: Person) -> None:
+    assert person.runs("phantom", "ramp", "--size", "8", "-o", "v.nhdr").returncode == 0
+    before = (person.folder / "v.raw").read_bytes()
+    done = person.runs("phantom", "shells", "--size", "8", "-o", "v.mhd")
+    assert done.returncode == EXIT_BAD_INPUT and "v.raw, which is there already" in one_line(done)
+    assert (person.folder / "v.raw").read_bytes() == before
+    assert person.runs("phantom", "shells", "--size", "8", "-o", "v.nhdr").returncode == 0
+
+
 def test_an_unknown_command_names_the_one_that_was_meant(person: Person, head: Path) -> None:
     for word, cure in (
         ("rendr", "did you mean render?"),
