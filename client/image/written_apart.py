@@ -82,7 +82,7 @@ def _names(header: Path, name: str) -> bool:
         with header.open("rb") as file:
             head = file.read(HEADER_BYTES)
             file.seek(max(header.stat().st_size - HEADER_BYTES, 0))
-            return name.encode() in head or name.encode() in file.read()
+            return os.fsencode(name) in head or os.fsencode(name) in file.read()
     except OSError:
         return False  # whoever opens the volume tells why it cannot be read
 

@@ -134,7 +134,7 @@ class Session:
         if self._in_memory is not None and (cluster is not None or not spawn):
             raise BadInput(SAVE_FIRST)
         name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
-        self._shown = name if self._in_memory is None else self._in_memory.description.name
+        self._shown = (name or "no volume") if self._in_memory is None else self._in_memory.description.name
         if trace is not None and name is not None:
             check_written_apart(name, records=[Path(trace)])
         listen = checked_address(listen, "listen")
