@@ -85,7 +85,7 @@ class ForkServer:
                     if key.fileobj is self._wakes:
                         self._tell_ends()
                         continue
-                    if not (data := self._link.recv(LINE_BYTES)):
+                    if not (data := self._heard()):
                         return None
                     for line in self._lines.fed(data):
                         asked = msgspec.json.decode(line, type=Start | Signal)
@@ -94,6 +94,13 @@ class ForkServer:
                                 os.kill(asked.process, asked.number)
                         elif self._is_server():
                             return partial(_run, asked)
+
+    def _heard(self) -> bytes:
+        """What has come; nothing once the other side has ended, maybe before it read what it was told."""
+        try:
+            return self._link.recv(LINE_BYTES)
+        except ConnectionResetError:
+            return b""
 
     def _is_server(self) -> bool:
         """Fork; in the new process everything is let go that is the fork server's."""

@@ -2,10 +2,12 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import psutil
 import pytest
 
@@ -14,7 +16,8 @@ from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server, words_of
 from volsplat.client import Session
 from volsplat.deploy import local
-from volsplat.deploy.forked_servers import FORK_SERVER, ForkedServers, forked_servers
+from volsplat.deploy.fork_server import Start
+from volsplat.deploy.forked_servers import COMMAND, FORK_SERVER, ForkedServers, forked_servers
 from volsplat.deploy.server_command import Program
 
 __all__ = ["head"]
@@ -60,6 +63,18 @@ def test_what_is_asked_of_a_fork_server_that_is_ended_while_it_loads_ends() -> N
     wait_until(lambda: forks.gone, "is it noticed")
     with pytest.raises(OSError, match="gone"):
         forks.start(Program.SPLAT_SERVER, [], {})
+
+
+def test_it_ends_without_a_word_where_nobody_reads_what_it_told() -> None:
+    link, its = socket.socketpair()
+    with its:
+        forks = subprocess.Popen(COMMAND, stdin=its.fileno(), stderr=subprocess.PIPE, encoding="utf-8")
+    with link:
+        link.sendall(msgspec.json.encode(Start(Program.SPLAT_SERVER, [b"--no-such-option"], {})) + b"\n")
+        assert link.recv(1, socket.MSG_PEEK)
+    _, said = forks.communicate(timeout=PATIENCE)
+    assert forks.returncode == 0
+    assert all(line.startswith("splat-server: ") for line in said.splitlines())
 
 
 def test_a_session_outlives_its_fork_server(head: Path, monkeypatch: pytest.MonkeyPatch) -> None:
