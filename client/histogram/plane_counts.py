@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from array import array
 from dataclasses import dataclass, field
 
@@ -19,7 +20,7 @@ class PlaneCounts:
     def plus(self, payload: memoryview) -> PlaneCounts:
         """With those of another server, uint64 each. Raises RemoteProtocolError for more than any volume has."""
         try:
-            return PlaneCounts(array("Q", map(int.__add__, self.counts, payload.cast("B").cast("Q"))))
+            return PlaneCounts(array("Q", map(operator.add, self.counts, payload.cast("B").cast("Q"))))
         except OverflowError:
             raise RemoteProtocolError("it counted more voxels than there can be") from None
 

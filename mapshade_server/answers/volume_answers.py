@@ -73,19 +73,17 @@ def store_described(store: PacketStore, identity: VolumeIdentity) -> Answer:
 
 def counted(sub_cubes: Sequence[SubCube] | Sequence[PassedBox], request: messages.CountHistograms) -> Answer:
     """The counts of all of them together."""
-    if not sub_cubes:
-        raise BadInput("of the volume nothing is held here to count")
-    density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
-    extremes = BlockExtremes.nothing(sub_cubes[0].geometry.dims)
+    density, strength = np.zeros((2, HISTOGRAM_BINS), np.int64)
+    extremes: BlockExtremes | None = None
     for sub_cube in sub_cubes:
         more = sub_cube.histograms(request.low, request.high, request.max_gradient)
-        density = array("q", map(int.__add__, density, more.density))
-        strength = array("q", map(int.__add__, strength, more.strength))
-        extremes = extremes.joined(more.extremes)
+        density += np.asarray(more.density)
+        strength += np.asarray(more.strength)
+        extremes = more.extremes if extremes is None else extremes.joined(more.extremes)
+    if extremes is None:
+        raise BadInput("of the volume nothing is held here to count")
     told = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS, blocks=len(extremes.least))
-    return Answer(
-        told, (memoryview(density).cast("B"), memoryview(strength).cast("B"), memoryview(extremes.as_bytes()))
-    )
+    return Answer(told, (density.data.cast("B"), strength.data.cast("B"), memoryview(extremes.as_bytes())))
 
 
 def plane_counts(sub_cubes: Sequence[SubCube]) -> memoryview:

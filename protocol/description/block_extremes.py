@@ -50,6 +50,6 @@ class BlockExtremes(NamedTuple):
 
     def joined(self, other: "BlockExtremes") -> "BlockExtremes":
         return BlockExtremes(
-            list(map(min, self.least, other.least)),
-            list(map(max, self.greatest, other.greatest)),
+            [more if more < known else known for known, more in zip(self.least, other.least, strict=True)],
+            [more if more > known else known for known, more in zip(self.greatest, other.greatest, strict=True)],
         )
