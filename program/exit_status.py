@@ -1,4 +1,10 @@
-"""The exit statuses of every volsplat program."""
+"""The exit statuses of every volsplat program, and how one ends with its status without delay."""
+
+import atexit
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
@@ -11,3 +17,27 @@ EXIT_TERMINATED = 143  # and of SIGTERM
 def status_of(error: VolsplatError) -> int:
     """Of a program that this error ends."""
     return EXIT_BAD_INPUT if isinstance(error, BadInput) else EXIT_FAILED
+
+
+@contextmanager
+def quick_end() -> Iterator[None]:
+    """An exit from within leaves no module to be taken down, once threads and all that is registered have ended.
+
+    To take down what a server has loaded takes a tenth of a second: of what a fork server loaded, it first copies all.
+    """
+    left: list[int] = []
+
+    def end() -> None:
+        for status in left:
+            with suppress(OSError):  # if what was said gets nowhere, the usual end tells of it
+                for stream in filter(None, (sys.stdout, sys.stderr)):
+                    stream.flush()
+                os._exit(status)
+
+    atexit.register(end)  # which comes after what is registered from now on
+    try:
+        yield
+    except SystemExit as leaving:
+        if isinstance(leaving.code, int):
+            left.append(leaving.code)
+        raise

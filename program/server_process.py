@@ -13,7 +13,7 @@ import click
 
 from volsplat.program.clients import Clients, Life
 from volsplat.program.counts import Counts
-from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, status_of
+from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, quick_end, status_of
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
@@ -164,6 +164,7 @@ def threads_of(threads: int | None, sharing: int) -> int:
     return threads or max(1, min(usable_cores() // sharing, MOST_THREADS))
 
 
+@quick_end()
 def run_server(module: str, name: str, title: str, given: object = None) -> NoReturn:
     """Run the command `name` of a module; an error is one line on stderr, exit status 2 if a person must act.
 

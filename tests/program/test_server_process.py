@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 
 import pytest
 
@@ -33,6 +34,39 @@ def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(se
         _, said = program.communicate(timeout=PATIENCE)
     assert program.returncode == 1
     assert said.startswith(f"{TITLES[server]}: ") and said.count("\n") == 1
+
+
+LEAVING = """
+import atexit, sys, threading
+from volsplat.program.exit_status import quick_end
+
+class Loaded:
+    def __del__(self):
+        print("taken_down")
+
+def follow():
+    threading.main_thread().join()
+    print("thread")
+
+loaded = Loaded()
+with quick_end():
+    atexit.register(print, "registered")
+    threading.Thread(target=follow).start()
+    {ending}
+"""
+
+
+@pytest.mark.parametrize(
+    ("ending", "status", "said"),
+    [
+        ("sys.exit(3)", 3, "thread registered"),
+        ("raise SystemExit", 0, "thread registered taken_down"),
+        ("raise ValueError", 1, "thread registered taken_down"),
+    ],
+)
+def test_a_program_that_leaves_has_its_status_and_ends_what_is_its_own(ending: str, status: int, said: str) -> None:
+    done = subprocess.run([sys.executable, "-c", LEAVING.format(ending=ending)], capture_output=True, encoding="utf-8")
+    assert (done.returncode, done.stdout.split()) == (status, said.split())
 
 
 @pytest.mark.parametrize(
