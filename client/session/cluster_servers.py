@@ -24,7 +24,8 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.tokens import Token
 
 MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
-UNHEARD_SECONDS = 5.0  # likewise, after which others draw without one whose machine cannot be asked about it
+UNHEARD_SECONDS = 5.0  # likewise, after which others draw without one whose machine cannot be asked about it …
+JOINING_SECONDS = 20.0  # … or that runs, and should have dialled
 FROZEN_SECONDS = 2.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
 CALL_SECONDS = 1e9  # a caller tries until it is told to stop
@@ -33,7 +34,7 @@ CALL_SECONDS = 1e9  # a caller tries until it is told to stop
 class Absent(NamedTuple):
     """Servers that are missing, and will be for a while."""
 
-    unheard: set[str]  # nothing is heard of them from their machines
+    unheard: set[str]  # they are not heard of, and it is not known why
     unable: set[str]  # end again and again as soon as they are started
 
 
@@ -242,11 +243,12 @@ class ClusterServers:
         }
         statuses = self._running.statuses()  # takes a while where a machine does not answer
         unheard = self._missing_for(UNHEARD_SECONDS) - self._started_by_hand
+        late = {name for name in self._missing_for(JOINING_SECONDS) if not self._known[name].wait_at}
         for one, said in statuses:
             name = one.started.name
             if name not in missing:
                 continue
-            if said.state is ServerState.UNKNOWN and name in unheard:
+            if name in {ServerState.UNKNOWN: unheard, ServerState.RUNNING: late}.get(said.state, ()):
                 absent.unheard.add(name)
             if said.state is ServerState.ENDED:
                 ended.append(name)

@@ -22,6 +22,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file, drawn, handles, servers_of, sshd
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -433,6 +434,28 @@ def test_the_others_draw_without_a_machine_that_nothing_is_heard_of(
             assert any("ssh" in line and line.endswith("; the others draw without") for line in said)
     finally:
         psutil.Process(int(handles(person)[-1]["process"])).kill()
+        person.runs("deploy", "down", str(path))
+
+
+def test_the_others_draw_without_a_server_that_runs_and_does_not_dial(
+    person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_servers, "JOINING_SECONDS", 0.1)
+    path = cluster_file(person.folder, f"frozen-{os.getpid()}", f"{LOCAL}map-shade-servers = 2\nsplat-servers = 1\n")
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    frozen = next(one for one in servers_of(person) if is_server(one, "mapshade_server"))
+    frozen.suspend()
+    said = list[str]()
+    try:
+        with Session(person.folder / "head.nrrd", cluster=path, on_progress=said.append) as session:
+            assert session.finish(session.default_scene()).complete
+            assert any(line.endswith("has not joined yet; the others draw without") for line in said), said
+            frozen.resume()
+            wait_until(
+                lambda: sum(bool(one.boxes) for one in session.servers) == 2, "the one that was frozen has a part"
+            )
+    finally:
+        frozen.resume()
         person.runs("deploy", "down", str(path))
 
 
