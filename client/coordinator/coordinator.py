@@ -266,9 +266,12 @@ class Coordinator:
 
     @takes(ServersMissing)
     def _missing(self, event: ServersMissing) -> list[Instruction]:
+        gathers = self.holding.phase is Phase.GATHERING
+        if gathers and not self.servers.all_are_known:  # they may be all that is needed; this is told again
+            return []
         if not self._some_are_left():
             return self._fail(PeerLost(event.cause)) if event.given_up else []
-        if self.holding.phase is not Phase.GATHERING or self._few_suffice:
+        if not gathers or self._few_suffice:
             return []
         self._few_suffice = True
         return [ReportProgress(f"{event.cause}; the others draw without"), *self._gathered()]

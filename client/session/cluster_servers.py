@@ -29,6 +29,7 @@ JOINING_SECONDS = 20.0  # … or that runs, and should have dialled
 FROZEN_SECONDS = 2.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
 CALL_SECONDS = 1e9  # a caller tries until it is told to stop
+ASKED_WHERE_THEY_RUN = ("local", "ssh")  # launchers; others ask an engine of its servers, or nobody
 
 
 class Absent(NamedTuple):
@@ -153,7 +154,10 @@ class ClusterServers:
             if not isinstance(error, TurnedAway):  # it decides nothing
                 self._is_our_turn.set()
 
-        self._call(one, links, failed)
+        try:
+            self._call(one, links, failed)
+        finally:
+            self._is_our_turn.set()
 
     def _call_in_turn(self, one: KnownServer, links: ServerLinks) -> None:
         self._is_our_turn.wait()
@@ -206,7 +210,7 @@ class ClusterServers:
             absent = self._looked_after(missing, seen)
             cause = f"servers of {self.cluster.name} are missing: {self._reasons(missing)}"
             all_are_absent = set(missing) <= absent.unheard | absent.unable
-            if self._missing_for(MISSING_SECONDS) or (absent.unable and all_are_absent):
+            if self._missing_for(MISSING_SECONDS) or (missing and absent.unable.issuperset(missing)):
                 links.give_up(cause)
             elif missing and all_are_absent:
                 links.go_without(cause)
@@ -242,7 +246,7 @@ class ClusterServers:
             name for name in self._missing_for(FROZEN_SECONDS) & seen if self._reachable_for(FROZEN_SECONDS, name)
         }
         statuses = self._running.statuses()  # takes a while where a machine does not answer
-        unheard = self._missing_for(UNHEARD_SECONDS) - self._started_by_hand
+        unheard = self._missing_for(UNHEARD_SECONDS) & self._asked_where_they_run
         late = {name for name in self._missing_for(JOINING_SECONDS) if not self._known[name].wait_at}
         for one, said in statuses:
             name = one.started.name
@@ -272,9 +276,10 @@ class ClusterServers:
                     self._known = {one.started.name: one for one in state.servers}
 
     @property
-    def _started_by_hand(self) -> set[str]:
+    def _asked_where_they_run(self) -> set[str]:
+        """Those whose own machine is asked: if it does not answer, they may be gone with it."""
         machines = self.cluster.machines
-        return {name for name, one in self._known.items() if machines[one.machine].launcher == "manual"}
+        return {name for name, one in self._known.items() if machines[one.machine].launcher in ASKED_WHERE_THEY_RUN}
 
     def _reachable_for(self, seconds: float, name: str) -> bool:
         return self._tunnels is None or self._tunnels.open_for(self._known[name].machine) > seconds

@@ -123,7 +123,7 @@ def dialled_socket(address: Address, place: str) -> socket.socket:
     try:
         by_door = entered_door(address, CONNECT_SECONDS)
         return by_door or socket.create_connection(address, timeout=CONNECT_SECONDS)
-    except socket.gaierror as error:
+    except (socket.gaierror, UnicodeError) as error:  # the latter for labels that no name may have
         raise BadInput(f"cannot find the {place}: the name {address.host} is unknown; check it") from error
     except TimeoutError as error:
         raise PeerLost(f"cannot reach the {place}: no answer; check the address and the firewalls between") from error

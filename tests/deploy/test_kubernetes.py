@@ -11,11 +11,16 @@ from typing import Any, get_args
 import kubernetes_validate
 import pytest
 
+from support.patience import wait_until
 from support.programs.clusters import cluster_file, drawn
 from support.programs.hand_started import free_port
 from support.programs.programs import VOLSPLAT, Person
+from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session import cluster_servers
+from volsplat.client.session.cluster_servers import ClusterServers
+from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster_file import LauncherName
 from volsplat.deploy.launchers.table import LAUNCHERS
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
@@ -97,6 +102,40 @@ def test_their_commands_draw_as_a_single_process(person: Person, cluster: Path) 
             server = ended.enter_context(subprocess.Popen(container["command"], env=environment))
             ended.callback(server.terminate)
         assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
+
+
+def test_pods_that_come_one_after_another_are_waited_for(
+    person: Person, cluster: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_servers, "UNHEARD_SECONDS", 0.0)
+    monkeypatch.setattr(cluster_servers, "LOOK_SECONDS", 0.05)
+    items = manifests(person, cluster)
+    (secret,) = [item for item in items if item["kind"] == "Secret"]
+    environment = {**os.environ, TOKEN_VARIABLE: secret["stringData"]["token"]}
+    *first, last = (container["command"] for container in containers(items))
+    looks = list[list[str]]()
+    looked = ClusterServers._missing
+
+    def noted(self: ClusterServers, links: ServerLinks) -> list[str]:
+        looks.append(looked(self, links))
+        return looks[-1]
+
+    monkeypatch.setattr(ClusterServers, "_missing", noted)
+    said = list[str]()
+    with (
+        ExitStack() as ended,
+        Session(person.folder / "head.nrrd", cluster=cluster, on_progress=said.append) as session,
+    ):
+
+        def started(command: list[str]) -> None:
+            server = ended.enter_context(subprocess.Popen(command, env=environment))
+            ended.callback(server.terminate)
+
+        for command in first:
+            started(command)
+        wait_until(lambda: [len(missing) for missing in looks[-3:]] == [1, 1, 1], "all but one are there")
+        started(last)
+        assert session.volume and not any("the others draw without" in line for line in said)
 
 
 @pytest.mark.parametrize(

@@ -215,6 +215,19 @@ def test_without_servers_that_are_missing_the_others_begin_where_there_are_both_
     assert coordinator.handle(missing) == []  # said once
 
 
+def test_a_session_begins_and_ends_by_nobody_who_has_not_told_yet_what_it_has() -> None:
+    coordinator = CheckedCoordinator()
+    for event in [replace(ASKED, workers=3), *joins(JOINED[0]), JOINED[1]]:
+        coordinator.handle(event)
+    for given_up in (True, False):
+        missing = ServersMissing("node4 does not answer", given_up=given_up)
+        assert coordinator.handle(missing) == [], "it is told again"
+    for event in [*joins(JOINED[1])[1:], *joins(JOINED[2])]:
+        coordinator.handle(event)
+    coordinator.handle(missing)
+    assert coordinator.servers.workers == [FIRST, SECOND]
+
+
 def test_who_is_missing_before_a_volume_is_asked_for_is_not_waited_for_afterwards() -> None:
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED[:2]), ServersMissing("node3 does not answer", given_up=True)]:

@@ -490,9 +490,10 @@ def test_an_address_that_is_not_ours_is_one_clear_line(host: str) -> None:
         Listener(Role.CLIENT, TOKEN, host=host)
 
 
-def test_an_unknown_name_is_one_clear_line() -> None:
-    with pytest.raises(BadInput, match="cannot find the client at no.such.host.invalid:1: .* unknown"):
-        connect(Address("no.such.host.invalid", 1), new_hello(Role.SPLAT_SERVER), TOKEN, Role.CLIENT)
+@pytest.mark.parametrize("name", ["no.such.host.invalid", f"{'long' * 16}.invalid"])  # which no name may be
+def test_an_unknown_name_is_one_clear_line(name: str) -> None:
+    with pytest.raises(BadInput, match=f"cannot find the client at {name}:1: .* unknown"):
+        connect(Address(name, 1), new_hello(Role.SPLAT_SERVER), TOKEN, Role.CLIENT)
 
 
 def test_a_server_may_be_started_before_its_client(host: str) -> None:
