@@ -117,7 +117,7 @@ class Coordination:
         except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
             log.exception("the session cannot go on")
             self.fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
-        links.send_to_all(EndSession(another=self._another))
+        links.take_leave(EndSession(another=self._another))
 
     def _traced(self, instruction: Instruction, began: float) -> Instruction:
         """As it is, or with the wish that it be traced, where it begins a frame that was planned since a moment."""

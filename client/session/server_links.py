@@ -144,7 +144,9 @@ class ServerLinks:
                 outgoing.post(news)
         outgoing.post(message, *payload)
 
-    def send_to_all(self, message: messages.Message) -> None:
+    def take_leave(self, message: messages.EndSession) -> None:
+        """Have all servers hear that the session is over; none is started in the place of one that ends by that."""
+        self._local.let_end()
         with self._lock:
             servers = list(self._connections)
         for server in servers:
@@ -174,7 +176,6 @@ class ServerLinks:
     def close(self) -> None:
         """Close every connection once what was posted is sent, and end every server that was started here."""
         self._heartbeat.close()
-        self._local.let_end()
         self.take_no_more()
         with self._lock:
             connections, outgoing = list(self._connections.values()), list(self._outgoing.values())

@@ -15,6 +15,7 @@ from support.files.head_volume import head
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server, words_of
 from volsplat.client import Session
+from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy import local
 from volsplat.deploy.fork_server import Start
 from volsplat.deploy.forked_servers import COMMAND, FORK_SERVER, ForkedServers, forked_servers
@@ -75,6 +76,21 @@ def test_it_ends_without_a_word_where_nobody_reads_what_it_told() -> None:
     _, said = forks.communicate(timeout=PATIENCE)
     assert forks.returncode == 0
     assert all(line.startswith("splat-server: ") for line in said.splitlines())
+
+
+def test_none_is_started_in_the_place_of_one_that_ends_with_its_session(
+    head: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    close = ServerLinks.close
+
+    def close_late(self: ServerLinks) -> None:
+        wait_until(lambda: not self._local.process_ids, "all have ended")
+        close(self)
+
+    monkeypatch.setattr(ServerLinks, "close", close_late)
+    with Session(head, workers=2) as session:
+        assert session.volume
+    assert len(session._links._local._processes) == 3
 
 
 def test_a_session_outlives_its_fork_server(head: Path, monkeypatch: pytest.MonkeyPatch) -> None:
