@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.medicine.slice_files import is_for, slices_in
+from volsplat.mapshade_server.readers.medicine.slice_files import slices_in
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels
+from volsplat.protocol.description.slice_folders import PICTURES, slice_kind, visible_files
 from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp")
 OPTIONS = ("spacing", "unit", "channel")
 ALPHA = "A"
 MOST_GROWTH = 1032  # of one byte, by deflate; JPEG's empty blocks become less
@@ -43,7 +43,7 @@ class _Picture:
 
 
 def recognises_folder(folder: Path) -> bool:
-    return is_for(folder, EXTENSIONS)
+    return slice_kind(visible_files(folder)) == PICTURES
 
 
 def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
@@ -53,7 +53,7 @@ def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
     """
     said = array_part(folder, part)
     said.check_known(OPTIONS)
-    paths = slices_in(folder, said.path, EXTENSIONS, "picture")
+    paths = slices_in(folder, said.path, PICTURES, "picture")
     first = _told(paths[0])
     dims = (first.width, first.height, len(paths))
     refuse_other_dimensions(folder, dims if len(paths) > 1 else dims[:2])

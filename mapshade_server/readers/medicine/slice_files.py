@@ -6,15 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.protocol.description.slice_folders import visible_files
 from volsplat.protocol.text.errors import BadInput
 
 MOST_SHOWN = 6
-
-
-def is_for(folder: Path, extensions: tuple[str, ...]) -> bool:
-    """Whether such files are what the folder is for, not a picture beside slices of another kind."""
-    names = [path.name for path in _visible(folder)]
-    return 0 < len(names) <= 2 * sum(name.lower().endswith(extensions) for name in names)
 
 
 def slices_in(folder: Path, begin: str, extensions: tuple[str, ...], what: str) -> list[Path]:
@@ -22,15 +17,10 @@ def slices_in(folder: Path, begin: str, extensions: tuple[str, ...], what: str) 
 
     Raises BadInput if they are of several kinds, if one is missing and if one is no file.
     """
-    paths = [path for path in _visible(folder) if path.name.lower().endswith(extensions)]
+    paths = [folder / name for name in visible_files(folder) if name.lower().endswith(extensions)]
     for path in paths:
         check_is_file(path)
     return _in_order(folder, begin, paths, what)
-
-
-def _visible(folder: Path) -> list[Path]:
-    """The files but for hidden ones, as some systems leave them beside others."""
-    return [path for path in folder.iterdir() if path.name[0] != "." and path.exists() and not path.is_dir()]
 
 
 def _in_order(folder: Path, part: str, paths: Sequence[Path], what: str) -> list[Path]:

@@ -4,20 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from volsplat.mapshade_server.readers.medicine.slice_files import is_for, slices_in
+from volsplat.mapshade_server.readers.medicine.slice_files import slices_in
 from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage
 from volsplat.mapshade_server.readers.medicine.tiff_place import stated_place
 from volsplat.mapshade_server.readers.medicine.tiff_stack import Chosen, opened_tiff, stack_of
 from volsplat.mapshade_server.readers.reading.grids import refuse_vectors
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.protocol.description.slice_folders import TIFFS, slice_kind, visible_files
 from volsplat.protocol.text.errors import BadInput
-
-EXTENSIONS = (".tif", ".tiff")
 
 
 def recognises_folder(folder: Path) -> bool:
     """Whether TIFF files are what the folder is for, not a picture beside slices of another kind."""
-    return is_for(folder, EXTENSIONS)
+    return slice_kind(visible_files(folder)) == TIFFS
 
 
 def open_tiff_folder(folder: Path, part: str) -> OpenedVolume:
@@ -25,7 +24,7 @@ def open_tiff_folder(folder: Path, part: str) -> OpenedVolume:
 
     Raises BadInput if they are of several kinds, if one is missing, and if they do not fit together.
     """
-    paths = slices_in(folder, part, EXTENSIONS, "TIFF")
+    paths = slices_in(folder, part, TIFFS, "TIFF")
     pages, places = [], []
     for path in paths:
         with opened_tiff(path) as file:
