@@ -10,6 +10,7 @@ from volsplat.client.image.image_formats import check_picture_writable, check_wr
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
+from volsplat.protocol.text.open_streams import stream_number
 
 
 def step_image_path(folder: Path, step: Step) -> Path:
@@ -55,7 +56,8 @@ def check_file_writable(option: str, path: Path) -> None:
     """Raises BadInput for a file that an option names and that could not be written."""
     if str(path) == "-":
         raise BadInput(f"{option} -: is no name of a file here; {option} /dev/stdout writes to the standard output")
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
+    written = path.parent if path.is_file() or not path.exists() else path  # a device or a pipe
+    if path.is_dir() or (stream_number(path) is None and not os.access(written, os.W_OK)):
         raise BadInput(f"{path}: cannot write this file; name another with {option}")
 
 

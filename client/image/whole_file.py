@@ -10,21 +10,31 @@ from typing import BinaryIO
 
 from volsplat.client.image.temporary_name import behind_links, temporary_name
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.open_streams import stream_number, to_open
 
 
 @contextmanager
 def whole_file(path: Path, refused: str = "cannot be written") -> Iterator[BinaryIO]:
     """What is written lies at `path` after the block, or if that fails, what was there before.
 
-    Raises BadInput if it cannot be written, as on a full disk: the path, what is `refused` and the system's words.
+    A pipe, a device, and what is open already, such as /dev/stdout, are written into. Raises BadInput if it cannot be
+    written, as on a full disk: the path, what is `refused` and the system's words.
     """
+    replaced = stream_number(path) is None and (path.is_file() or not path.exists())
+    try:
+        with _replacing(path) if replaced else open(to_open(path), "wb") as file:
+            yield file
+    except OSError as error:
+        raise BadInput(f"{path}: {refused}: {error.strerror or error}") from error
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[BinaryIO]:
     target = behind_links(path)
     temporary = temporary_name(target)
     try:
         with temporary.open("wb") as file:
             yield file
         os.replace(temporary, target)
-    except OSError as error:
-        raise BadInput(f"{path}: {refused}: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)

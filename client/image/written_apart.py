@@ -10,6 +10,7 @@ from pathlib import Path
 
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.open_streams import stream_number
 
 SLICE_KINDS = ((".png", ".jpg", ".jpeg"), (".tif", ".tiff"))  # of folders whose pictures are slices
 ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")  # of folders that are a store, also one of packets
@@ -88,4 +89,6 @@ def _names(header: Path, name: str) -> bool:
 
 
 def _files(paths: Iterable[Path | None]) -> list[Path]:
-    return [path for path in paths if path is not None and (path.is_file() or not path.exists())]
+    """Without what the process has open, which is written on and not replaced, whatever file it leads to."""
+    named = [path for path in paths if path is not None and stream_number(path) is None]
+    return [path for path in named if path.is_file() or not path.exists()]

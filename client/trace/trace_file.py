@@ -12,6 +12,7 @@ import msgspec
 
 from volsplat.protocol.messages.trace_messages import Span
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.open_streams import to_open
 
 
 class TraceFile:
@@ -24,7 +25,8 @@ class TraceFile:
         self._names: dict[int, str] = {}
         self._separator = b"\n"  # before the next event
         try:
-            self._file = path.open("wb", buffering=0)  # nothing is lost with the process, and failures are told at once
+            # Nothing is lost with the process, and failures are told at once.
+            self._file = open(to_open(path), "wb", buffering=0)
         except OSError as error:
             raise self._unwritable(error) from error
         self._write(b"[")

@@ -1,6 +1,8 @@
 """The command as a person meets it: real processes, real files, one clear line for each mistake."""
 
 import json
+import os
+import re
 import shutil
 import signal
 import socket
@@ -464,6 +466,33 @@ def test_a_movies_images_are_no_slices(person: Person) -> None:
     done = person.runs("movie", "pages", "-o", "pages", "--frames", "2")
     assert done.returncode == EXIT_BAD_INPUT and "would be a slice" in one_line(done)
     assert contents(person.folder) == before
+
+
+@pytest.mark.parametrize(
+    "options", [["--report", "/dev/stdout"], ["--trace", "/dev/fd/1"], ["--report", "/proc/self/fd/1"]]
+)
+def test_records_go_on_after_what_the_output_holds(person: Person, head: Path, options: list[str]) -> None:
+    command = [str(VOLSPLAT), "render", str(head), "-o", "a.png", "--single", *SIZE, *options]
+    with (person.folder / "out.txt").open("w+b") as out:
+        for begin in (b"before\n", b"after\n"):
+            out.write(begin)
+            out.flush()
+            subprocess.run(command, cwd=person.folder, stdout=out, check=True, timeout=PATIENCE)
+        out.seek(0)
+        nothing, one, other = re.split(b"before\n|after\n", out.read())
+    assert not nothing and json.loads(one) and json.loads(other)
+    piped = subprocess.run(command, cwd=person.folder, stdout=subprocess.PIPE, check=True, timeout=PATIENCE)
+    assert json.loads(piped.stdout)
+
+
+def test_a_report_into_a_fifo_leaves_it_there(person: Person, head: Path) -> None:
+    fifo = person.folder / "fifo"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    with open(reader, "rb") as reading:
+        done = person.runs("render", str(head), "-o", "a.png", "--single", *SIZE, "--report", "fifo")
+        assert done.returncode == 0 and json.loads(reading.read()), done.stderr
+    assert fifo.is_fifo()
 
 
 def several_files(folder: Path) -> dict[Path, bytes]:
