@@ -464,7 +464,7 @@ def test_images_lie_in_the_volumes_folder_where_they_are_no_slices(person: Perso
 def test_a_movies_images_are_no_slices(person: Person) -> None:
     before = several_files(person.folder)
     done = person.runs("movie", "pages", "-o", "pages", "--frames", "2")
-    assert done.returncode == EXIT_BAD_INPUT and "would be a slice" in one_line(done)
+    assert done.returncode == EXIT_BAD_INPUT and "would change the volume" in one_line(done)
     assert contents(person.folder) == before
 
 
