@@ -26,7 +26,7 @@ from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
-from volsplat.client.movie.movie_formats import check_clear, check_movie_writable, first_file
+from volsplat.client.movie.movie_formats import check_clear, check_movie_writable, movie_files
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
@@ -103,7 +103,7 @@ def movie(
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
     check_found(volume, True, cluster)
-    check_written_apart(volume, first_file(output), records=[trace])
+    check_written_apart(volume, *movie_files(output, frames), records=[trace])
     if keys:
         check_key_count(len(keys), frames)
     options.key_scenes(None, keys)

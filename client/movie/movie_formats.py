@@ -24,9 +24,9 @@ def video_encoder(path: Path) -> tuple[str, ...] | None:
     return None if path.is_dir() else VIDEO_ENCODERS.get(path.suffix.lower())
 
 
-def first_file(path: Path) -> Path:
-    """The first that is written of a movie."""
-    return path if video_encoder(path) is not None else frame_image_path(path, 1)
+def movie_files(path: Path, frames: int) -> list[Path]:
+    """What is written of a movie."""
+    return [path] if video_encoder(path) else [frame_image_path(path, number + 1) for number in range(frames)]
 
 
 def check_movie_writable(path: Path) -> None:

@@ -468,6 +468,16 @@ def test_a_movies_images_are_no_slices(person: Person) -> None:
     assert contents(person.folder) == before
 
 
+def test_a_movies_images_do_not_outnumber_the_slices(person: Person) -> None:
+    study = person.folder / "study"
+    study.mkdir()
+    for number in range(5):
+        (study / f"slice-{number}.dcm").touch()
+    for frames, told in (("4", "without DICOM images"), ("5", "would change the volume")):
+        done = person.runs("movie", "study", "-o", "study", "--frames", frames)
+        assert done.returncode == EXIT_BAD_INPUT and told in one_line(done)
+
+
 @pytest.mark.parametrize(
     "options", [["--report", "/dev/stdout"], ["--trace", "/dev/fd/1"], ["--report", "/proc/self/fd/1"]]
 )
