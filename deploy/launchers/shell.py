@@ -52,7 +52,8 @@ class ShellServers(NamedTuple):
 
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
         asks = "".join(
-            f'if runs {process} {began}; then echo running; else echo "ended $(tail -n 1 {log} 2>/dev/null)"; fi\n'
+            f"if runs {process} {began}; then echo running\n"
+            f'else printf "ended %s\\n" "$(tail -n 1 {log} 2>/dev/null)"; fi\n'
             for process, began, log in map(_quoted, servers)
         )
         try:
@@ -82,13 +83,11 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
     parts = [PROCESS_FUNCTIONS, "umask 077\n", f"IFS= read -r {TOKEN_VARIABLE}\nexport {TOKEN_VARIABLE}\n"]
     parts += [f'd="{_FOLDER}/"{shlex.quote(cluster)}\nmkdir -p "$d" || exit 1\n']
     parts += [
-        f'first={command.split()[0]}\ncommand -v "$first" >/dev/null || {{ echo "$first is not there"; exit 3; }}\n'
+        f"first={command.split()[0]}\n"
+        'command -v "$first" >/dev/null || { printf "%s is not there\\n" "$first"; exit 3; }\n'
         for command in dict.fromkeys(commands)
     ]
-    parts += [
-        f'[ -d {root} ] || {{ echo "data-root "{root}" is no folder there; make it, or name another"; exit 4; }}\n'
-        for root in dict.fromkeys(map(shlex.quote, filter(None, map(_data_root, orders))))
-    ]
+    parts += map(_root_check, dict.fromkeys(filter(None, map(_data_root, orders))))
     for order, command in zip(orders, commands, strict=True):
         log = file_name(order.name) + ".log"
         words = " ".join([command, *map(shlex.quote, order.arguments)])
@@ -102,6 +101,16 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
 def _data_root(order: ServerOrder) -> str | None:
     _, named, root = "\0".join(order.arguments).partition("--data-root\0")
     return root.partition("\0")[0] if named else None
+
+
+def _root_check(root: str) -> str:
+    """Of the folder that the server will take. Whose home `~user` is, it alone finds out."""
+    home, slash, below = root.partition("/")
+    if home.startswith("~") and home != "~":
+        return ""
+    place = f'"$HOME"{slash}{shlex.quote(below)}' if home == "~" else shlex.quote(root)
+    line = shlex.quote(f"data-root {root} is no folder there; make it, or name another")
+    return f"[ -d {place} ] || {{ printf '%s\\n' {line}; exit 4; }}\n"
 
 
 def _quoted(server: StartedServer) -> tuple[str, str, str]:

@@ -16,8 +16,10 @@ from security.landlock import WITHOUT, has_landlock
 
 from support.patience import PATIENCE
 from volsplat.deploy.server_command import Program, server_command
+from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
@@ -62,6 +64,12 @@ def control(root: Path) -> Iterator[Connection]:
                 yield connection
                 connection.send(messages.EndSession())
             assert server.wait(PATIENCE) == 0
+
+
+@pytest.mark.parametrize("folder", ["/no/volumes", "~no-one/volumes"])
+def test_a_root_that_is_not_there_is_named(folder: str) -> None:
+    with pytest.raises(BadInput, match=f"^--data-root {folder}: .*; name a folder of this machine$"):
+        DataRoot(Path(folder))
 
 
 def described(control: Connection, name: str | Path) -> messages.Message:

@@ -24,8 +24,9 @@ class DataRoot:
         try:
             self.path = folder.expanduser().resolve(strict=True)
             os.chdir(self.path)  # relative names start from it
-        except OSError as error:
-            raise BadInput(f"--data-root {folder}: {error.strerror}; name a folder of this machine") from error
+        except (OSError, RuntimeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
+            raise BadInput(f"--data-root {folder}: {reason}; name a folder of this machine") from error
 
     def check(self, volume: str) -> None:
         """Raises BadInput, in the same words whether there is something or not."""

@@ -1,0 +1,62 @@
+"""What a machine's shell is asked, and what it answers, whatever names and logs hold."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from support.patience import wait_until
+from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState
+from volsplat.deploy.launchers.shell import ShellServers
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.tokens import new_token
+
+ODD = r"it's \new \\ $HOME `x` %s"
+
+
+@pytest.fixture
+def servers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ShellServers:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    (tmp_path / ODD).mkdir()
+    return ShellServers(by_shell, "here", "lab")
+
+
+def by_shell(script: str, given: str) -> str:
+    ran = subprocess.run(["sh", "-c", script], input=given, capture_output=True, encoding="utf-8")
+    if ran.returncode:
+        raise BadInput(ran.stdout)
+    return ran.stdout
+
+
+def started(servers: ShellServers, data_root: str, command: str = "true") -> str:
+    """The log of a server of this data-root, once it has ended."""
+    order = ServerOrder("node map/shade", Program.MAPSHADE_SERVER, ("--data-root", data_root))
+    each = servers.start([order], [command], Secrets(new_token()))
+    wait_until(lambda: servers.states(each)[order.name].state is ServerState.ENDED, "ended")
+    return servers.states(each)[order.name].reason
+
+
+@pytest.mark.parametrize("root", ["~", "~/", f"~/{ODD}", "~nobody/of/this/name", "/", "."])
+def test_a_data_root_may_be_of_someone_s_home(servers: ShellServers, root: str) -> None:
+    assert started(servers, root) == "without a word"
+
+
+@pytest.mark.parametrize("root", ["~/missing", f"~/{ODD}/missing", f"/{ODD}", "./~"])
+def test_a_data_root_that_is_not_there_is_named_as_it_was_given(servers: ShellServers, root: str) -> None:
+    with pytest.raises(BadInput) as told:
+        started(servers, root)
+    assert str(told.value) == f"data-root {root} is no folder there; make it, or name another\n"
+
+
+def test_a_command_that_is_not_there_is_named(servers: ShellServers) -> None:
+    with pytest.raises(BadInput, match=r"^no\\name is not there$"):
+        started(servers, "/", r"'no\name'")
+
+
+def test_the_last_line_of_a_log_is_told_as_it_stands(servers: ShellServers) -> None:
+    order = ServerOrder("node splat", Program.SPLAT_SERVER, (r"at C:\new", r"\c"))
+    each = servers.start([order], ["printf '%s %s\\n'"], Secrets(new_token()))
+    ended = Said(ServerState.ENDED, r"at C:\new \c")
+    wait_until(lambda: servers.states(each) == {order.name: ended}, "told")
