@@ -50,7 +50,7 @@ def up(cluster: Path) -> None:
 @deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy status lab.toml"))
 @cluster_argument
 def status(cluster: Path) -> None:
-    """Show the state of every server. Status 1 if one does not run."""
+    """Show the state of every server. Status 1 if one has ended, was not started, or is still being started."""
     running = RunningCluster(cluster)
     statuses, changes = running.statuses(), running.folder.is_locked
     if changes:
@@ -67,7 +67,9 @@ def status(cluster: Path) -> None:
     missing = running.never_started(state) if state is not None else []
     for title, line in missing:
         PlainConsole(stderr=True).say(f"{title}: {line}")
-    if missing or any(said.state is ServerState.ENDED for _, said in statuses):
+    fewer = state is None or len(statuses) < running.wanted(state)
+    states = {said.state for _, said in statuses}
+    if fewer or ServerState.ENDED in states or (changes and states != {ServerState.RUNNING}):
         sys.exit(EXIT_FAILED)
 
 

@@ -136,6 +136,11 @@ class RunningCluster:
         results = _on_all(sorted({one.machine for one in missing}), start)
         return [result.reason for result in results.values() if isinstance(result, Failed)]
 
+    def wanted(self, state: ClusterState) -> int:
+        """How many servers there are once all are started."""
+        cluster = cluster_from_toml(state.file, str(self.path))
+        return cluster.map_shade_servers + cluster.splat_servers
+
     def never_started(self, state: ClusterState) -> list[tuple[str, str]]:
         """Machines that failed as it was brought up, with how many of their servers are missing, and the cure.
 

@@ -289,14 +289,31 @@ def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -
 def test_while_servers_are_started_none_is_said_to_have_failed(person: Person) -> None:
     path = cluster_file(person.folder, "in-part", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
     running = RunningCluster(path)
-    with running.folder.locked():
-        status = person.runs("deploy", "status", str(path))
-        assert status.returncode == 0 and "another command brings in-part up or down now" in status.stderr
-        begun = ClusterState(file=path.read_text(encoding="utf-8"), listen_port=0)
-        assert running.never_started(begun) == []
-    assert running.never_started(begun) != []
     status = person.runs("deploy", "status", str(path))
     assert status.returncode == 2 and "is not up; run: volsplat deploy up" in status.stderr
+    state = running.up(lambda line: None)
+    try:
+        with running.folder.locked():
+            for servers, expected in (((), 1), (state.servers[:1], 1), (state.servers, 0)):
+                begun = msgspec.structs.replace(state, servers=servers)
+                running.folder.save(begun)
+                status = person.runs("deploy", "status", str(path))
+                assert status.returncode == expected and running.never_started(begun) == []
+                assert status.stderr.strip() == "another command brings in-part up or down now"
+        assert running.never_started(msgspec.structs.replace(state, servers=())) != []
+    finally:
+        running.down(lambda line: None)
+
+
+def test_where_servers_cannot_be_asked_the_status_is_1_as_long_as_they_are_started(person: Person) -> None:
+    waits = 'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:1"\n'
+    path = cluster_file(person.folder, "by-hand", waits)
+    running = RunningCluster(path)
+    running.up(lambda line: None)
+    assert person.runs("deploy", "status", str(path)).returncode == 0
+    with running.folder.locked():
+        assert person.runs("deploy", "status", str(path)).returncode == 1
+    running.down(lambda line: None)
 
 
 def test_a_server_is_started_anew_without_what_could_not_be_started(person: Person) -> None:
