@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,8 @@ from volsplat.deploy.private_file import write_private
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.tokens import Token, find_token, new_token
+
+LOOK_SECONDS = 0.001  # as long as anyone looks whether a cluster is locked
 
 
 class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,26 +50,25 @@ class StateFolder:
         self._make()
         descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            while not _taken(descriptor, fcntl.LOCK_EX):
+                if self.is_locked:
+                    raise BadInput(f"another command brings {self.path.name} up or down now; wait until it has ended")
+                time.sleep(LOOK_SECONDS)
             yield
-        except BlockingIOError as error:
-            raise BadInput(
-                f"another command brings {self.path.name} up or down now; wait until it has ended"
-            ) from error
         finally:
             os.close(descriptor)
 
     @property
     def is_locked(self) -> bool:
-        """Whether another command brings the cluster up or down now."""
+        """Whether another command brings the cluster up or down now.
+
+        To look is to share the lock for a moment.
+        """
         try:
             with (self.path / "lock").open("rb") as lock:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
+                return not _taken(lock.fileno(), fcntl.LOCK_SH)
         except OSError:  # it has never been up
             return False
-        return False
 
     def load(self) -> ClusterState | None:
         """None where the cluster is not up. Raises BadInput for a file that cannot be read."""
@@ -107,3 +109,12 @@ class StateFolder:
             raise BadInput(
                 f"{self.path} cannot be made: {error.strerror}; set XDG_STATE_HOME to a folder of yours"
             ) from error
+
+
+def _taken(descriptor: int, lock: int) -> bool:
+    """Whether a lock of an open file could be had at once."""
+    try:
+        fcntl.flock(descriptor, lock | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

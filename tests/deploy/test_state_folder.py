@@ -1,0 +1,53 @@
+"""The lock by which one command at a time changes a cluster."""
+
+import fcntl
+from pathlib import Path
+
+import pytest
+
+from volsplat.deploy.cluster.state import StateFolder
+from volsplat.protocol.text.errors import BadInput
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StateFolder:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return StateFolder("lab")
+
+
+def test_one_command_at_a_time_changes_a_cluster(folder: StateFolder) -> None:
+    assert not folder.is_locked
+    with folder.locked():
+        assert folder.is_locked
+        with pytest.raises(BadInput, match="another command brings lab up or down now"), folder.locked():
+            pass
+    assert not folder.is_locked
+    with folder.locked():
+        assert folder.is_locked
+
+
+def test_nobody_is_refused_for_one_who_only_looks(folder: StateFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who looks whether it is locked at the very moment that a command begins to change it."""
+    with folder.locked():
+        pass
+    looker = (folder.path / "lock").open("rb")
+    flock, refused = fcntl.flock, list[int]()
+    flock(looker, fcntl.LOCK_SH)
+
+    def looked(descriptor: int, operation: int) -> None:
+        try:
+            flock(descriptor, operation)
+        except BlockingIOError:
+            refused.append(operation)
+            looker.close()  # has seen enough
+            raise
+
+    monkeypatch.setattr(fcntl, "flock", looked)
+    with folder.locked():
+        assert refused == [fcntl.LOCK_EX | fcntl.LOCK_NB] and looker.closed
+        assert folder.is_locked
+
+
+def test_what_a_command_meets_while_it_changes_a_cluster_is_told_as_it_is(folder: StateFolder) -> None:
+    with pytest.raises(BlockingIOError, match="of a socket"), folder.locked():
+        raise BlockingIOError("of a socket")
