@@ -30,4 +30,4 @@ class PeerLost(VolsplatError):
 
 
 class TurnedAway(PeerLost):
-    """A server that waits for clients serves another one."""
+    """A server that was dialled rejects this client: it serves another, is not ready yet, or alone speaks TLS."""
