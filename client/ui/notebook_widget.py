@@ -102,6 +102,8 @@ class VolumeWidget(anywidget.AnyWidget):
 
     def close(self) -> None:
         """End the drawing; the session goes on."""
+        if self.comm is None:  # closed: this is called once more when nobody has it any longer
+            return
         self._viewing.loop.close()
         for view in self._views.values():
             view.end()

@@ -72,6 +72,13 @@ def in_notebook(tmp_path: Path, use: Callable[[Notebook], Awaitable[None]]) -> N
     asyncio.run(run())
 
 
+def test_a_widget_may_be_closed_more_than_once(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        notebook.widget.close()
+
+    in_notebook(tmp_path, use)
+
+
 def test_the_hand_moves_the_trait_and_the_trait_the_picture(tmp_path: Path) -> None:
     async def use(notebook: Notebook) -> None:
         await notebook.picture(lambda header: bool(header["last"]) and header["width"] == 40)
