@@ -118,7 +118,7 @@ def view(
     if isinstance(volume, Session):
         show_page(volume, _scene(volume.volume, scene, changes), port, browser, grace)
         return
-    with Session(volume) as session:
+    with _opened(volume) as session:
         show_page(session, _scene(session.volume, scene, changes), port, browser, grace)
 
 
@@ -163,8 +163,14 @@ def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[
 
     if any(find_spec(library) is None for library in ("anywidget", "nicegui")):
         return render(volume, scene, **changes)
-    session = volume if isinstance(volume, Session) else Session(volume)  # which the kernel's end closes
+    session = volume if isinstance(volume, Session) else _opened(volume)  # which the kernel's end closes
     return session.widget(_scene(session.volume, scene, changes))
+
+
+def _opened(volume: Any) -> Session:
+    session = Session(volume)
+    _tell_notes(session.volume)
+    return session
 
 
 def _tell_notes(volume: SurveyedVolume) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import pickle
 import re
@@ -22,6 +23,7 @@ import volsplat as vs
 from support.checkout import ROOT
 from support.patience import PATIENCE, wait_until
 from volsplat.client.image.image_file import read_scene
+from volsplat.client.script import page_window, plotting
 
 Z, Y, X = np.mgrid[:16, :16, :16] - 8
 BALL = vs.Volume((X * X + Y * Y + Z * Z < 30).astype(np.uint8) * 200, spacing=(1, 1, 1), name="ball")
@@ -72,6 +74,34 @@ def test_what_had_to_be_assumed_of_a_volume_is_a_warning_at_the_call(tmp_path: P
     assert [warning.filename for warning in told] == [__file__]
     with pytest.warns(vs.VolumeNote, match="a block without structure"):
         vs.render(vs.Volume(np.ones((4, 4, 4), np.float32), spacing=(1, 1, 1)), size=16)
+
+
+@pytest.mark.parametrize("place", ["in a notebook", "on a display"])
+def test_whatever_shows_a_volume_warns_of_what_is_odd_about_it(place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = list[vs.Session]()
+
+    class Small(vs.Session):
+        def __init__(self, volume: object) -> None:
+            super().__init__(volume, workers=1, threads=1)
+            opened.append(self)
+
+    def shown(session: vs.Session, *asked: object) -> None:
+        assert session is opened[0]
+
+    async def plotted() -> None:
+        if (widget := vs.plot(vs.Volume(np.ones((4, 4, 4), np.float32), spacing=(1, 1, 1)))) is not None:
+            widget.close()
+
+    monkeypatch.setattr(plotting, "in_notebook", lambda: place == "in a notebook")
+    monkeypatch.setattr(page_window, "show_page", shown)
+    monkeypatch.setattr(plotting, "Session", Small)
+    monkeypatch.setenv("DISPLAY", ":0")
+    try:
+        with pytest.warns(vs.VolumeNote, match="a block without structure") as told:
+            asyncio.run(plotted())
+        assert [warning.filename for warning in told] == [__file__]
+    finally:
+        opened[0].close()
 
 
 def test_what_is_looked_at_in_a_notebook_is_a_line(image: vs.RenderedImage) -> None:
