@@ -59,6 +59,10 @@ def test_a_picture_of_the_scene_comes_before_any_script_and_the_viewport_takes_i
     assert max(shown.tobytes()) > 50, "it is black"
     assert browser_page.locator(".vs-view").count() == 0
     where = image.bounding_box()
+    word = browser_page.locator("#esm-fallback").evaluate(
+        "(word) => [getComputedStyle(word).animationDelay, getComputedStyle(word, '::after').content]"
+    )
+    assert word[0] == "5s" and "have not run yet" in word[1], "a slow line is taken for a browser that is too old"
 
     browser_page.unroute_all()
     opened(browser_page, view.url)
