@@ -49,6 +49,7 @@ def follow():
     print("thread")
 
 loaded = Loaded()
+atexit.register(print, "before")
 with quick_end():
     atexit.register(print, "registered")
     threading.Thread(target=follow).start()
@@ -60,8 +61,8 @@ with quick_end():
     ("ending", "status", "said"),
     [
         ("sys.exit(3)", 3, "thread registered"),
-        ("raise SystemExit", 0, "thread registered taken_down"),
-        ("raise ValueError", 1, "thread registered taken_down"),
+        ("raise SystemExit", 0, "thread registered before taken_down"),
+        ("raise ValueError", 1, "thread registered before taken_down"),
     ],
 )
 def test_a_program_that_leaves_has_its_status_and_ends_what_is_its_own(ending: str, status: int, said: str) -> None:
