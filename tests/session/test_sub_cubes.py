@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, product
-from operator import lt
+from operator import add, lt
 from random import Random
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,7 @@ from tolerances import BALANCED
 from volsplat.client.coordinator.shares.block_work import BlockWork
 from volsplat.client.coordinator.shares.sub_cubes import Even, Share, Work, divided, divided_by_work
 from volsplat.protocol.description.block_extremes import block_dims, block_size
-from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
 
@@ -134,6 +135,28 @@ def test_the_work_of_boxes_is_counted_and_corrected_by_their_voxels(
     each = work.of(blocks)
     work.multiply(blocks, [2.0, 5.0][: len(blocks)])
     assert work.of(blocks) == pytest.approx([2 * each[0], *(5 * one for one in each[1:])])
+
+
+@given(cut=st.randoms(use_true_random=False), cuts=st.integers(1, 6))
+def test_a_block_that_boxes_share_is_corrected_by_the_mean_of_its_voxels(cut: Random, cuts: int) -> None:
+    grid = Box((0, 0, 0), (70, 60, 50))
+    size = block_size(grid.high)
+    boxes = cut_at_random(grid, cut, cuts)
+    factors = [cut.uniform(0.1, 10.0) for _ in boxes]
+    work = BlockWork(grid.high, np.ones(block_dims(grid.high)))
+    blocks = [block_of(box.low, size, grid) for box in boxes]  # where boxes meet
+    before = work.of(blocks)
+    work.multiply(boxes, factors)
+    for block, was, now in zip(blocks, before, work.of(blocks), strict=True):
+        parts = [(factor, box.common(block)) for factor, box in zip(factors, boxes, strict=True)]
+        mean = sum(factor * part.voxels for factor, part in parts if part is not None) / block.voxels
+        assert now == pytest.approx(was * mean)
+
+
+def block_of(voxel: Index, size: Index, grid: Box) -> Box:
+    starts = [at - at % side for at, side in zip(voxel, size, strict=True)]
+    i, j, k = [*zip(starts, map(min, map(add, starts, size), grid.high), strict=True)]
+    return Box((i[0], j[0], k[0]), (i[1], j[1], k[1]))
 
 
 @given(cut=st.randoms(use_true_random=False), cuts=st.integers(0, 6))
