@@ -139,11 +139,14 @@ def test_the_shift_moves_what_is_seen_where_a_table_is_by_density(page: Page) ->
     box = shift.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + box["width"] / 4, y, steps=6)
-    page.mouse.up()
-    until(page, lambda: not torch.equal(canvas(page), before))
+
+    def shifted() -> None:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + box["width"] / 4, y, steps=6)
+        page.mouse.up()
+
+    assert not torch.equal(after(page, shifted), before)
     undo = page.get_by_label("undo", exact=True)
     undo.click()
     until(page, lambda: torch.equal(canvas(page), before))

@@ -196,6 +196,7 @@ def test_what_panels_tell_a_line_that_is_cut_comes_to_the_process_and_once(view:
     left, right = (page.get_by_role("button", name=f"roll {side}") for side in ("left", "right"))
 
     def switched_where_events_are_lost() -> None:
+        page.wait_for_function("() => window.socket.connected")  # or what is lost is that it connects
         line.loses_events = True
         switch.click()
         line.cut_once_lost('"event"')
