@@ -1,10 +1,12 @@
 """What is known of a volume so far: described by one server, surveyed and counted by all, a part by each."""
 
+import math
+
 import numpy as np
 
 from volsplat.client.volume.survey_checks import check_counts, check_extremes
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims
 from volsplat.protocol.messages.volume_messages import (
     HISTOGRAM_BYTES,
     CountHistograms,
@@ -33,7 +35,8 @@ class VolumeSurvey:
         """Survey and count from the start."""
         self._survey = None
         self._counts = np.zeros((2, HISTOGRAM_BINS), np.int64)  # of densities, of strengths
-        self._extremes = np.array(BlockExtremes.nothing(self.description.geometry.dims))
+        blocks = math.prod(block_dims(self.description.geometry.dims))
+        self._extremes = np.repeat([[math.inf], [-math.inf]], blocks, axis=1)  # as BlockExtremes.nothing
 
     def surveyed(self, survey: Survey) -> None:
         """Take one server's part."""
