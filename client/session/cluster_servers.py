@@ -149,25 +149,20 @@ class ClusterServers:
 
     def _call_first(self, one: KnownServer, links: ServerLinks) -> None:
         """The same server for every client: who has it dials the others, so that no two clients wait for each other."""
-
-        def failed(error: VolsplatError) -> None:
-            if not isinstance(error, TurnedAway):  # it decides nothing
-                self._is_our_turn.set()
-
         try:
-            self._call(one, links, failed)
+            self._call(one, links)
         finally:
             self._is_our_turn.set()
 
     def _call_in_turn(self, one: KnownServer, links: ServerLinks) -> None:
         self._is_our_turn.wait()
-        self._call(one, links, lambda error: None)
+        self._call(one, links)
 
-    def _call(self, one: KnownServer, links: ServerLinks, failed: Callable[[VolsplatError], None]) -> None:
+    def _call(self, one: KnownServer, links: ServerLinks) -> None:
         name, address = one.started.name, parse_address(one.wait_at)
         while not self._closed.is_set():
             try:
-                connection = self._connected(name, address, links, failed)
+                connection = self._connected(name, address, links)
             except VolsplatError as error:
                 self._note(name, str(error))
                 self._closed.wait(LOOK_SECONDS)
@@ -177,9 +172,12 @@ class ClusterServers:
             self._is_our_turn.set()
             links.serve(connection)
 
-    def _connected(
-        self, name: str, address: Address, links: ServerLinks, failed: Callable[[VolsplatError], None]
-    ) -> Connection:
+    def _failed(self, error: VolsplatError) -> None:
+        """Of a try to dial: only that of the first server counts, since others are dialled once it is our turn."""
+        if not isinstance(error, TurnedAway):  # it decides nothing
+            self._is_our_turn.set()
+
+    def _connected(self, name: str, address: Address, links: ServerLinks) -> Connection:
         return call(
             address,
             name,
@@ -188,7 +186,7 @@ class ClusterServers:
             patience=CALL_SECONDS,
             report=lambda line: self._note(name, line),
             given_up=self._closed.is_set,
-            failed=failed,
+            failed=self._failed,
         )
 
     def _note(self, name: str, line: str) -> None:
