@@ -80,7 +80,7 @@ def lab(hosts: int, bits_per_second: float) -> Iterator[list[Host]]:
         undone.callback(_call, "ip", "link", "delete", BRIDGE)
         do("ip", "link", "set", "lo", "up")
         do("ip", "link", "add", BRIDGE, "type", "bridge")
-        do("ip", "link", "set", BRIDGE, "up")
+        do("ip", "link", "set", BRIDGE, "arp", "off", "up")  # it would answer for this thread, past whose link data then came
         yield [_host(undone, n, bits_per_second) for n in range(CLIENT, hosts + 1)]
 
 
