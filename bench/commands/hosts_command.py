@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import click
@@ -20,8 +22,12 @@ from volsplat.bench.views import around, seen
 from volsplat.client.command.help_page import helped
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import StepReport, report_of
+from volsplat.client.session.session import Session
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import LARGEST_EXTENT
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
+
+VIEWS_OF_A_TURN = 24
+FIRST = 2  # views that are not counted: regions are cut by the frame before
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,8 @@ class Taken:
     """The frames of one number of splat servers."""
 
     splat_servers: int
-    reports: Sequence[StepReport]
+    reports: Sequence[StepReport]  # of pictures to be looked at, with 8 bits a channel if that is sooner
+    exact: Sequence[StepReport]  # of the same views, with every bit
 
     @property
     def name(self) -> str:
@@ -38,6 +45,10 @@ class Taken:
     @property
     def seconds(self) -> Figure:
         return figure(f"{self.name}: frame", "s", [report.wall_seconds for report in self.reports])
+
+    @property
+    def exact_seconds(self) -> Figure:
+        return figure(f"{self.name}: exact frame", "s", [report.wall_seconds for report in self.exact])
 
     @property
     def usual(self) -> StepReport:
@@ -53,7 +64,7 @@ class Taken:
 @click.option(
     "--image", type=click.IntRange(16, LARGEST_EXTENT), default=512, help="Side of the square image, pixels (512)."
 )
-@click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views (7).")
+@click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views, 15 degrees apart (7).")
 @output_options(plot=False)
 def hosts(
     volume: str | None,
@@ -82,29 +93,36 @@ def hosts(
     console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         status.stop()
-        with shown_progress("frames", len(counts) * repeats) as step:
+        with shown_progress("frames", len(counts) * 2 * (FIRST + repeats)) as step:
             for count in counts:
                 with cluster_of_hosts(path, workers, count, link * 1e6, lambda text: None) as session:
                     known = session.volume
                     shown, geometry = subject.scene_of(known), known.description.geometry
-                    scenes = [seen(shown, geometry, turned, (image, image)) for turned in around(repeats)]
-                    session.finish(scenes[-1])
-                    reports: list[StepReport] = []
-                    for one in scenes:
-                        outcome = session.finish(one).outcome
-                        assert outcome is not None
-                        reports += report_of(known, one, [outcome]).steps
-                        step()
-                taken.append(Taken(count, reports))
+                    turn = cycle(around(VIEWS_OF_A_TURN))
+                    scenes = [seen(shown, geometry, next(turn), (image, image)) for _ in range(FIRST + repeats)]
+                    taken.append(Taken(count, *(turned(session, scenes, exact, step) for exact in ((), (Step.F,)))))
     facts = {
         "volume": volume_words(known),
         "tables": subject.tables.value,
-        "image": f"{image} x {image} pixels, {repeats} views",
+        "image": f"{image} x {image} pixels, {repeats} views, 15 degrees apart",
         "hosts": f"{workers} with a map/shade server, the client, and those with a splat server, one thread each",
         "links": f"{link:g} Mbit/s in each direction",
         **{f"what limits {one.name}": str(bottleneck(one.usual)) for one in taken},
     }
-    outputs.deliver(record("hosts", facts, [one.seconds for one in taken]), [hosts_table(taken)])
+    figures = [of for one in taken for of in (one.seconds, one.exact_seconds)]
+    outputs.deliver(record("hosts", facts, figures), [hosts_table(taken)])
+
+
+def turned(
+    session: Session, scenes: Sequence[Scene], exact: Sequence[Step], step: Callable[[], None]
+) -> list[StepReport]:
+    """Of all views but the first ones, by which the regions find their places."""
+    reports: list[StepReport] = []
+    for scene in scenes:
+        drawn = [one.outcome for one in session.refine(scene, Step.F, math.inf, Step.F, exact)]
+        reports += report_of(session.volume, scene, [outcome for outcome in drawn if outcome is not None]).steps
+        step()
+    return reports[FIRST:]
 
 
 def hosts_table(taken: Sequence[Taken]) -> TextTable:
@@ -114,6 +132,8 @@ def hosts_table(taken: Sequence[Taken]) -> TextTable:
     table.add("", *(give_or_take(one.seconds) for one in taken))
     first = taken[0].seconds.median
     table.add("times the frame rate", *(significant(first / one.seconds.median) for one in taken))
+    table.add("milliseconds an exact frame", *(significant(one.exact_seconds.median * 1e3) for one in taken))
+    table.add("", *(give_or_take(one.exact_seconds) for one in taken))
     table.add("MB into splat servers", *(significant(one.usual.bytes_sent / 1e6) for one in taken))
     table.add("ms of the image's way", *(significant(one.usual.image_seconds * 1e3) for one in taken))
     return table

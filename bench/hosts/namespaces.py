@@ -80,7 +80,8 @@ def lab(hosts: int, bits_per_second: float) -> Iterator[list[Host]]:
         undone.callback(_call, "ip", "link", "delete", BRIDGE)
         do("ip", "link", "set", "lo", "up")
         do("ip", "link", "add", BRIDGE, "type", "bridge")
-        do("ip", "link", "set", BRIDGE, "arp", "off", "up")  # it would answer for this thread, past whose link data then came
+        # With ARP it would answer for this thread's own address, and what comes would pass by the link.
+        do("ip", "link", "set", BRIDGE, "arp", "off", "up")
         yield [_host(undone, n, bits_per_second) for n in range(CLIENT, hosts + 1)]
 
 

@@ -27,6 +27,14 @@ while taken.recv(1 << 20):
 taken.close()
 """
 
+SENDS = """
+import socket, sys
+sender = socket.create_connection((sys.argv[1], 5000))
+assert sender.recv(2) == b"go"
+sender.sendall(bytes(int(sys.argv[2])))
+sender.close()
+"""
+
 
 @pytest.fixture
 def person(tmp_path: Path) -> Person:
@@ -55,6 +63,14 @@ def connected(host: Host) -> socket.socket:
             assert time.monotonic() < deadline, "nobody listens"
 
 
+def all_of(taken: socket.socket) -> int:
+    """How many bytes come."""
+    nbytes = 0
+    while part := taken.recv(1 << 20):
+        nbytes += len(part)
+    return nbytes
+
+
 @needs_lab
 def test_a_link_is_as_slow_as_it_is_said_to_be(hosts: list[Host]) -> None:
     """Beyond the burst that leaves at once nothing is faster; how much slower is the machine's business."""
@@ -67,6 +83,23 @@ def test_a_link_is_as_slow_as_it_is_said_to_be(hosts: list[Host]) -> None:
         seconds = time.perf_counter() - began
         assert taker.wait(PATIENCE) == 0
     assert seconds > 0.9 * 8 * nbytes / RATE
+
+
+@needs_lab
+def test_the_clients_link_is_shared_by_all_that_send_to_it() -> None:
+    nbytes, senders = 1_000_000, 3
+    with lab(1 + senders, RATE) as (client, *others), socket.create_server((client.address, 5000)) as listener:
+        sending = [host.start([sys.executable, "-c", SENDS, client.address, str(nbytes)]) for host in others]
+        taken = [listener.accept()[0] for _ in sending]
+        began = time.perf_counter()
+        for one in taken:
+            one.sendall(b"go")
+        came = sum(map(all_of, taken))
+        seconds = time.perf_counter() - began
+        for one, process in zip(taken, sending, strict=True):
+            one.close()
+            assert process.wait(PATIENCE) == 0
+    assert came == senders * nbytes and seconds > 0.9 * 8 * came / RATE
 
 
 @needs_lab
