@@ -32,10 +32,10 @@ from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
-from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.program.log_lines import name_session
+from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.refusals import refusal, why_unheard

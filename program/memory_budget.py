@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from volsplat.program.available_memory import available_memory
+from volsplat.program.machine_limits import available_memory
 from volsplat.program.memory_promises import MemoryPromises
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET

@@ -1,6 +1,6 @@
 """Whether a machine has room for an image: said before it is drawn, or the system might kill whoever draws it."""
 
-from volsplat.program.available_memory import available_memory
+from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
 

@@ -6,6 +6,7 @@ import socket
 from functools import cache
 from pathlib import Path
 
+from volsplat.program.machine_limits import core_limit
 from volsplat.protocol.description.machine import LONGEST_TEXT, Machine
 from volsplat.protocol.text.errors import BadInput
 
@@ -24,10 +25,9 @@ def this_machine() -> Machine:
 
 
 def usable_cores() -> int:
-    """The cores that this process may use: a job of a cluster seldom has all of its machine's."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """The cores that this process may use: a job of a cluster, or a container, seldom has all of its machine's."""
+    bound = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(bound, core_limit())
 
 
 def usual_servers() -> int:

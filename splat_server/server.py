@@ -10,10 +10,10 @@ import threading
 import time
 from collections import deque
 
-from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, clock
 from volsplat.program.log_lines import name_session
+from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.program.available_memory import available_memory
+from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.shared_array import packed_header
 from volsplat.protocol.description.volume import SCALAR_BYTES, VolumeDescription
 from volsplat.protocol.text.byte_sizes import bytes_text

@@ -66,7 +66,7 @@ from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.program.available_memory import available_memory
+from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name

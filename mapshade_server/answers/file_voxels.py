@@ -15,7 +15,7 @@ from volsplat.mapshade_server.readers.reading.volume_reader import (
     VolumeReader,
     Voxels,
 )
-from volsplat.program.available_memory import available_memory
+from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Index, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.value_messages import ReadVoxel, VoxelRead

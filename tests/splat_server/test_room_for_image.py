@@ -7,7 +7,7 @@ import pytest
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.session.single import SingleProcess
-from volsplat.program import available_memory
+from volsplat.program import machine_limits
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.text.errors import BadInput
 
@@ -19,7 +19,7 @@ NEEDED = 2 * 16 * SIDE**2  # bytes
 def meminfo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What this process takes for the system's word of how much is left."""
     path = tmp_path / "meminfo"
-    monkeypatch.setattr(available_memory, "MEMINFO", path)
+    monkeypatch.setattr(machine_limits, "MEMINFO", path)
     return path
 
 
