@@ -1,7 +1,9 @@
 """The launcher `ssh`: OpenSSH itself, with the user's own config, keys and jump hosts."""
 
+import random
 import re
 import subprocess
+import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -18,6 +20,11 @@ BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # no
 _BEGUN = "volsplat-begins"
 _BEGINS = f"printf '\\n{_BEGUN}\\n'; printf '\\n{_BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
+# What ssh says of an sshd that hangs up before anybody has logged in: one that many dial at once, as all machines of a
+# cluster do by one jump host, turns some away at random (MaxStartups).
+TURNED_AWAY = "kex_exchange_identification"
+TRIES = 5
+FIRST_PAUSE_SECONDS = 1.0  # at most; twice as long after each try, and never the same for two machines
 NO_SSH = "ssh is not installed here; install OpenSSH's client"
 
 
@@ -58,15 +65,8 @@ def _for_any_shell(script: str) -> str:
 
 def run_there(machine: Machine, script: str, given: str) -> str:
     """What a script prints there, given its input. Raises BadInput with the reason."""
-    host, command = machine.host, ssh_command(machine, f"{_BEGINS}{script}")
-    try:
-        ran = subprocess.run(
-            command, input=given, capture_output=True, encoding="utf-8", errors="replace", timeout=SSH_SECONDS
-        )
-    except FileNotFoundError as error:
-        raise BadInput(NO_SSH) from error
-    except subprocess.TimeoutExpired as error:
-        raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
+    host = machine.host
+    ran = _tried(machine, f"{_BEGINS}{script}", given)
     if ran.returncode == NOT_REACHED:
         raise BadInput(f"{host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {host}")
     said = _after_greetings(ran.stdout)
@@ -75,6 +75,35 @@ def run_there(machine: Machine, script: str, given: str) -> str:
         cure = '; give command = "/path/to/volsplat" in the cluster file' if ran.returncode == 3 else ""
         raise BadInput(f"{host}: {reason}{cure}")
     return said
+
+
+def _tried(machine: Machine, script: str, given: str) -> "subprocess.CompletedProcess[str]":
+    """Again where ssh was turned away before the script began. Raises BadInput."""
+    pause = FIRST_PAUSE_SECONDS
+    for _ in range(TRIES - 1):
+        ran = _ran(machine, script, given)
+        if ran.returncode != NOT_REACHED or TURNED_AWAY not in ran.stderr:
+            return ran
+        time.sleep(random.uniform(pause / 2, pause))
+        pause *= 2
+    return _ran(machine, script, given)
+
+
+def _ran(machine: Machine, script: str, given: str) -> "subprocess.CompletedProcess[str]":
+    try:
+        return subprocess.run(
+            ssh_command(machine, script),
+            input=given,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=SSH_SECONDS,
+        )
+    except FileNotFoundError as error:
+        raise BadInput(NO_SSH) from error
+    except subprocess.TimeoutExpired as error:
+        host = machine.host
+        raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
 
 
 def _after_greetings(said: str) -> str:
