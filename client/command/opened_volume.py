@@ -184,7 +184,7 @@ def tell_notes(volume: SurveyedVolume, console: PlainConsole) -> None:
 def opened_quietly(
     volume: str, servers: Servers, spawns: bool, say: Callable[[str], None], console: PlainConsole
 ) -> Iterator[Renderer]:
-    """As `opened`, with whatever `say` does with the words for what is going on."""
+    """As `opened`, with whatever `say` does with the words for what is going on; a lost server is told to stay."""
     if servers.single:
         from volsplat.client.session.single import SingleProcess
 
@@ -194,13 +194,23 @@ def opened_quietly(
             yield single
         return
     token = servers.token or new_token()
-    with session_of(volume, replace(servers, token=token), spawns, say) as session:
+
+    def keep(loss: str) -> None:
+        console.say(f"note: {loss}")
+
+    with session_of(volume, replace(servers, token=token), spawns, say, keep) as session:
         if not spawns and servers.cluster is None:
             tell_how_to_join(session, token, servers.token is not None, console, servers.tls)
         yield session
 
 
-def session_of(volume: str | None, servers: Servers, spawns: bool, say: Callable[[str], None]) -> Session:
+def session_of(
+    volume: str | None,
+    servers: Servers,
+    spawns: bool,
+    say: Callable[[str], None],
+    tell_loss: Callable[[str], None] = ignored,
+) -> Session:
     """A session that these servers draw for, if there is a volume; it does not wait for that."""
     return Session(
         volume,
@@ -217,6 +227,7 @@ def session_of(volume: str | None, servers: Servers, spawns: bool, say: Callable
         trace=servers.trace,
         data_root=servers.data_root,
         on_progress=say,
+        on_loss=tell_loss,
     )
 
 

@@ -23,6 +23,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
     Question,
+    ReportLoss,
     ReportProgress,
     Send,
     ServerJoined,
@@ -219,13 +220,13 @@ class Coordinator:
         invited = self.routes.invite(self.holding.boxes)  # no other's link is kept
         ended = self.frames.end(ImageIncomplete(told))
         self.probes.lost(number)
-        return [ReportProgress(told), *invited, *ended, *self.voxels.lost(number), *held]
+        return [ReportLoss(told), *invited, *ended, *self.voxels.lost(number), *held]
 
     def _lose_unsurveyed(self, lost: ServerState) -> list[Instruction]:
         """The volume is described or read anew, by the others, or by whoever joins."""
         begun = self.holding.lose_unsurveyed(lost.id)
         self.servers.hand_over()
-        told = ReportProgress(handed_over(lost))
+        told = ReportLoss(handed_over(lost))
         if self.holding.phase is Phase.GATHERING and self._asked is not None:
             self._asked = replace(self._asked, workers=1)
             begun = self._gathered()
@@ -253,7 +254,7 @@ class Coordinator:
     def _lose_splat_server(self, lost: ServerState, replaced: bool) -> list[Instruction]:
         if not (self.servers.splat_servers or replaced):
             return self._fail(PeerLost(lost.cause))
-        return [ReportProgress(handed_over(lost)), *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
+        return [ReportLoss(handed_over(lost)), *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
 
     @takes(ServerProcessEnded)
     def _process_ended(self, event: ServerProcessEnded) -> list[Instruction]:
@@ -274,7 +275,7 @@ class Coordinator:
         if not gathers or self._few_suffice:
             return []
         self._few_suffice = True
-        return [ReportProgress(f"{event.cause}; the others draw without"), *self._gathered()]
+        return [ReportLoss(f"{event.cause}; the others draw without"), *self._gathered()]
 
     def _some_are_left(self) -> bool:
         """Of both kinds: they can draw by themselves."""

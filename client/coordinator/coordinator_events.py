@@ -207,6 +207,13 @@ class ReportProgress:
 
 
 @dataclass(frozen=True)
+class ReportLoss:
+    """Tell the person, to stay, that a server is not there, and who does its work."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class PublishVolume:
     """The volume is described and surveyed; scenes can be made for it."""
 
@@ -272,4 +279,6 @@ class FailSession:
     error: VolsplatError
 
 
-Instruction = Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | Answer | FailSession
+Instruction = (
+    Send | CutOff | ReportProgress | ReportLoss | PublishVolume | PublishImage | EndFrame | Answer | FailSession
+)

@@ -25,6 +25,7 @@ from volsplat.client.coordinator.coordinator_events import (
     PublishImage,
     PublishVolume,
     Question,
+    ReportLoss,
     ReportProgress,
     Send,
 )
@@ -41,12 +42,14 @@ log = logging.getLogger(__name__)
 
 
 class Coordination:
-    """Any thread may tell events, ask and wait; `on_progress` is called on the coordinator's thread."""
+    """Any thread may tell events, ask and wait; `on_progress` and `on_loss` are called on the coordinator's thread."""
 
-    def __init__(self, tracer: FrameTracer | None, on_progress: Callable[[str], None]) -> None:
+    def __init__(
+        self, tracer: FrameTracer | None, on_progress: Callable[[str], None], on_loss: Callable[[str], None]
+    ) -> None:
         self.frames = AskedFrames()
         self._tracer = tracer
-        self._on_progress = on_progress
+        self._on_progress, self._on_loss = on_progress, on_loss
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the thread's; others may look at its server_states
         self._answers = LateAnswers()
@@ -138,6 +141,9 @@ class Coordination:
                 links.cut_off(server, cause)
             case ReportProgress(text):
                 self._on_progress(text)
+            case ReportLoss(text):
+                self._on_progress(text)
+                self._on_loss(text)
             case PublishVolume(volume):
                 self._volume = volume
                 self._volume_known.set()

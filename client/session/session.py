@@ -104,7 +104,7 @@ class Session:
     servers that are started by hand must be told the same. Of each finished frame what every process did when goes into
     the file `trace`, as JSON that chrome://tracing and Perfetto load. Servers that are started here read nothing
     outside of the folder `data_root`, if given; Linux alone can hold them to it. `on_progress` gets one line for each
-    thing that takes time, on a thread of the session.
+    thing that takes time, `on_loss` one for each server that the session goes on without, on threads of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
     Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with
@@ -129,6 +129,7 @@ class Session:
         trace: str | Path | None = None,
         data_root: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,
+        on_loss: Callable[[str], None] = log.warning,
     ) -> None:
         self._in_memory = volume_in_memory(volume)  # given back when nobody holds it
         if self._in_memory is not None and (cluster is not None or not spawn):
@@ -155,7 +156,7 @@ class Session:
         if spawn:
             check_server_count(workers + splat_servers)
         self._tracer = None if trace is None else FrameTracer(Path(trace))
-        self._coordination = Coordination(self._tracer, on_progress)
+        self._coordination = Coordination(self._tracer, on_progress, on_loss)
         self.counts = Counts()  # what was done, and lost
         self._has_volume = name is not None
         self._opened_by = OwnProcess()

@@ -51,7 +51,7 @@ from volsplat.client.coordinator.coordinator_events import (
     PlaneAsked,
     ProbeAsked,
     PublishImage,
-    ReportProgress,
+    ReportLoss,
     Send,
     ServerJoined,
     ServerLost,
@@ -210,7 +210,7 @@ def test_without_servers_that_are_missing_the_others_begin_where_there_are_both_
     for event in joins(JOINED[0]):
         assert (FIRST, messages.DescribeVolume) not in sent(coordinator.handle(event)), "all are waited for"
     told, *begun = coordinator.handle(missing)
-    assert told == ReportProgress("node3 does not answer; the others draw without")
+    assert told == ReportLoss("node3 does not answer; the others draw without")
     assert (FIRST, messages.DescribeVolume) in sent(begun)
     assert coordinator.handle(missing) == []  # said once
 
@@ -386,7 +386,7 @@ def finished(coordinator: CheckedCoordinator, frame: int, workers: list[int]) ->
 def test_a_lost_map_shade_server_ends_the_running_frame_and_the_others_read_its_part() -> None:
     coordinator = drawing()
     told = coordinator.handle(ServerLost(FIRST, GONE))
-    assert told[0] == ReportProgress(HANDED_OVER)
+    assert told[0] == ReportLoss(HANDED_OVER)
     assert ended_by(told) == HANDED_OVER
     stopped = [(SECOND, messages.AbortFrame), (SPLAT, messages.AbortFrame)]
     invited = (SPLAT, messages.InviteWorkers)
@@ -509,8 +509,8 @@ def test_after_the_loss_of_all_those_who_join_in_their_places_draw(first: int) -
     joined.update({server: replace(one, restarts=True) for server, one in joined.items()})
     lost = (first, *(one for one in (SPLAT, FIRST, SECOND) if one != first))
     told = [one for server in lost for one in coordinator.handle(ServerLost(server, GONE))]
-    assert ReportProgress(f"{GONE}; another one is started in its place and takes over its part of the image") in told
-    others = [isinstance(one, ReportProgress) and "others take over" in one.text for one in told]
+    assert ReportLoss(f"{GONE}; another one is started in its place and takes over its part of the image") in told
+    others = [isinstance(one, ReportLoss) and "others take over" in one.text for one in told]
     assert sum(others) == 1, "of two map/shade servers the first one alone leaves another"
     coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
     for event in joins(LATE, ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA)):
