@@ -370,7 +370,8 @@ class Coordinator:
         if message.request == ConnectToSplatServers.__name__:
             if not self.routes.refused(server):
                 return []  # it has been told since whom it can reach
-            if holding.volume is not None and server in holding.boxes and len(holding.boxes) > 1:  # the others can draw
+            if server in holding.boxes and len(holding.boxes) > 1:  # the others can draw
+                self.servers.note_unlinked(server)
                 return [Send(server, EndSession()), *self._lose(server, str(error))]
         assignments = holding.assignments
         if message.assignment and message.assignment != assignments.newest:

@@ -18,6 +18,7 @@ class Servers:
         self.machines: dict[int, MachineDescribed] = {}  # of those of them that have told
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
+        self._unlinked: set[str] = set()  # processes that a splat server could not be reached from
         self._handing_over: list[int] = []  # lost servers whose parts were handed over last
         self._boxes: dict[int, list[Box]] = {}  # what was noted last of who holds what
         self.leaving: list[int] = []  # those that were told to end, and are still there
@@ -67,8 +68,17 @@ class Servers:
         self.note([replace(self.states[server], threads=machine.threads)])
 
     def idle(self) -> list[int]:
-        """Map/shade servers that hold nothing, and could."""
-        return [n for n in self.ready(Role.MAPSHADE_SERVER) if n not in self.workers]
+        """Map/shade servers that hold nothing, and could.
+
+        One that could not link, and joins again, is tried again only if no other is left: each try may hold up
+        frames for as long as a firewall lets it wait.
+        """
+        idle = [n for n in self.ready(Role.MAPSHADE_SERVER) if n not in self.workers]
+        return [n for n in idle if self.joined[n].process not in self._unlinked or not self.chosen]
+
+    def note_unlinked(self, server: int) -> None:
+        """It cannot link to a splat server."""
+        self._unlinked.add(self.joined[server].process)
 
     @property
     def chosen(self) -> list[int]:

@@ -269,6 +269,35 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw
     assert list(coordinator.holding.boxes) == [SECOND] and coordinator.server_states[FIRST].lost
 
 
+def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_as_well() -> None:
+    coordinator = CheckedCoordinator()
+    for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
+        coordinator.handle(event)
+    refused = messages.Refused("ConnectToSplatServers", "cannot reach the splat server", peer_lost=True)
+    told = coordinator.handle(said(FIRST, refused))
+    assert (FIRST, messages.EndSession) in sent(told) and not any(isinstance(one, FailSession) for one in told)
+    assert [one.text for one in told if isinstance(one, ReportLoss)]
+    assert list(coordinator.holding.boxes) == [SECOND] and (SECOND, messages.ReadSubCubes) in sent(told)
+    (failed,) = coordinator.handle(said(SECOND, refused))
+    assert isinstance(failed, FailSession) and str(failed.error) == "cannot reach the splat server"
+
+
+def test_a_worker_that_could_not_link_gets_a_part_again_only_if_no_other_is_left() -> None:
+    coordinator = CheckedCoordinator()
+    first, second = (replace(one, process=f"process {one.server}") for one in JOINED if one.server != SPLAT)
+    assert (first.server, second.server) == (FIRST, SECOND)
+    for event in [*joins(JOINED[0], first, second), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
+        coordinator.handle(event)
+    coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", peer_lost=True)))
+    again, other = (replace(first, server=number) for number in (20, 21))
+    for event in joins(again, replace(other, process="another one there")):
+        coordinator.handle(event)
+    assert coordinator.servers.idle() == [other.server]
+    coordinator.handle(ServerLost(SECOND, GONE))
+    told = coordinator.handle(ServerLost(other.server, GONE))
+    assert coordinator.failure is None and (again.server, messages.DescribeVolume) in sent(told)
+
+
 def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     coordinator = drawing()
     outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))
