@@ -1,5 +1,7 @@
 """Section 7 of docs/how_it_works/image.md: kernels, and what of them a ray runs through."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +44,7 @@ def projection(name: str, radius: float) -> Array:
     return through
 
 
+@cache
 def _gauss(points: int) -> tuple[Array, Array]:
     """For integrals from 0 to 1."""
     nodes, weights = np.polynomial.legendre.leggauss(points)

@@ -50,7 +50,7 @@ def kernel_along_rays(geometry: Geometry, scene: Scene, radius: float) -> Tensor
     root = (b**2 - a * c).clamp(min=0).sqrt()
     depths = torch.linspace(-1, 1, 401, dtype=torch.float64)
     depth = (-b[..., None] + depths * root[..., None]) / a
-    square = ((start[..., None, :] + depth[..., None] * ray) ** 2).sum(-1)
+    square = (start**2).sum(-1)[..., None] + depth * (2 * b[..., None] + depth * a)
     sums = torch.trapezoid(torch.exp(-square / (2 * GAUSSIAN_SIGMA**2)), depth, dim=-1)
     s = GAUSSIAN_SIGMA
     ball = (2 * math.pi) ** 1.5 * s**3 * math.erf(radius / (s * math.sqrt(2))) - 4 * math.pi * s**2 * radius * math.exp(

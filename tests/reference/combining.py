@@ -56,7 +56,7 @@ def combine(order: Order, buffer: Tensor, pixel: Tensor, opacity: Tensor, colour
     turn = torch.repeat_interleave(turns)
     of_pixel = torch.arange(len(pixel)) - (turns.cumsum(0) - turns)[turn]
     by_turn = by_pixel[starts[of_pixel] + turn]
-    added = associated(opacity[by_turn], colour[by_turn])
+    added = associated(opacity, colour).index_select(0, by_turn)
     combined = buffer[pixels]
     for part in torch.split(added, turns.tolist()):
         combined[: len(part)] = rule(combined[: len(part)], part)

@@ -75,5 +75,8 @@ def _over_space(radius: float, count: int) -> tuple[Tensor, Tensor]:
 
 
 def _shapes(r: Tensor, radius: float, count: int) -> Tensor:
-    q = (r / radius)[..., None] ** 2
-    return torch.where(q < 1, (1 - q) ** 2, 0.0) * q ** torch.arange(count)
+    q = (r / radius) ** 2
+    shapes = [torch.where(q < 1, (1 - q) ** 2, 0.0)]
+    for _ in range(count - 1):
+        shapes.append(shapes[-1] * q)
+    return torch.stack(shapes, dim=-1)

@@ -6,6 +6,7 @@ from itertools import pairwise
 from random import Random
 
 import msgspec
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -162,5 +163,5 @@ def _table(shape: FootprintShape) -> tuple[int, Tensor, Tensor]:
     offsets = range(1 << table.offset_bits)
     entries = [table.weights_at(fx, fy) for fy in offsets for fx in offsets]
     starts = torch.tensor([entry[:2] for entry in entries])
-    boxes = torch.tensor([entry[2] for entry in entries], dtype=torch.float32)
+    boxes = torch.from_numpy(np.array([entry[2] for entry in entries], np.float32))  # sooner than torch reads lists
     return table.offset_bits, starts, boxes.reshape(-1, table.height, table.width)
