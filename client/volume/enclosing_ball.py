@@ -5,11 +5,16 @@ from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 
 MOST_ROUNDS = 64  # each takes in the point that lies farthest out; a dozen are usual
 OUTSIDE = 1e-9  # of the radius: what is farther out by less is held
+
+Points = NDArray[np.float64]  # (n, 3)
 
 
 class Ball(NamedTuple):
@@ -17,22 +22,36 @@ class Ball(NamedTuple):
     radius: float
 
 
-def enclosing_ball(points: Sequence[Vector]) -> Ball:
+def enclosing_ball(points: Points) -> Ball:
     """The smallest ball about the points, of which there is at least one; none lies outside."""
-    held = [points[0]]
-    ball = Ball(points[0], 0.0)
+    held = [_vector(points[0])]
+    ball = Ball(held[0], 0.0)
     for _ in range(MOST_ROUNDS):
         distances = squared_distances(ball.centre, points)
-        farthest = max(distances)
-        if farthest <= (ball.radius * (1 + OUTSIDE)) ** 2:
+        farthest = int(distances.argmax())
+        if distances[farthest] <= (ball.radius * (1 + OUTSIDE)) ** 2:
             break
-        ball, held = _ball_of_few([*held, points[distances.index(farthest)]])
-    return Ball(ball.centre, math.sqrt(max(squared_distances(ball.centre, points))))
+        ball, held = _ball_of_few([*held, _vector(points[farthest])])
+    return Ball(ball.centre, reach(ball.centre, points))
 
 
-def squared_distances(centre: Vector, points: Sequence[Vector]) -> list[float]:
-    cx, cy, cz = centre
-    return [(x - cx) * (x - cx) + (y - cy) * (y - cy) + (z - cz) * (z - cz) for x, y, z in points]
+def reach(centre: Vector, points: Points) -> float:
+    """How far away the farthest point is."""
+    return math.sqrt(squared_distances(centre, points).max())
+
+
+@np.errstate(over="ignore")  # of grids as wide as numbers are
+def squared_distances(centre: Vector, points: Points) -> NDArray[np.float64]:
+    """(n,), by the very operations of `matrices`."""
+    off: Points = points - centre
+    x, y, z = off.T
+    squares: NDArray[np.float64] = x * x + y * y + z * z
+    return squares
+
+
+def _vector(point: NDArray[np.float64]) -> Vector:
+    x, y, z = point.tolist()
+    return (x, y, z)
 
 
 def _ball_of_few(points: list[Vector]) -> tuple[Ball, list[Vector]]:
@@ -43,7 +62,8 @@ def _ball_of_few(points: list[Vector]) -> tuple[Ball, list[Vector]]:
             ball = _ball_through(chosen)
             if ball is None or ball.radius >= best.radius:
                 continue
-            if max(squared_distances(ball.centre, points)) <= (ball.radius * (1 + OUTSIDE)) ** 2:
+            off = [matrices.minus(point, ball.centre) for point in points]
+            if max(matrices.dot(one, one) for one in off) <= (ball.radius * (1 + OUTSIDE)) ** 2:
                 best, on_it = ball, list(chosen)
     return best, on_it
 

@@ -8,9 +8,10 @@ is turned.
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.client.scene.resized import allowed_zoom
-from volsplat.client.volume.enclosing_ball import Ball, enclosing_ball, squared_distances
+from volsplat.client.volume.enclosing_ball import Ball, Points, enclosing_ball, reach
 from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
@@ -26,6 +27,8 @@ FAINT_SHARE = 0.1  # of the greatest opacity: nor is less than that, in a scene 
 STRAY = 0.01  # of the visible blocks: so many that have no visible neighbour may be noise, and are left out
 
 Row = tuple[int, int]  # blocks j, k
+Indices = NDArray[np.int64]  # (n, 3) of i, j, k
+CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a box: whether each is at its end along i, j, k
 
 
 def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, Vector]:
@@ -50,14 +53,14 @@ def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, e
     """
     bounds = resolved_bounds(scene, geometry)
     rows = _without_strays(_visible_rows(scene, geometry.dims, bounds, quantisation, extremes))
-    corners = _corners(rows, geometry.dims, bounds) or _corners_of(bounds)
+    corners = _corners(rows, geometry.dims, bounds) if rows else _corners_of(*map(np.atleast_2d, bounds))
     if scene.image.edges:
-        corners += _corners_of(geometry.box)
-    points = [geometry.physical(corner) for corner in corners]
+        corners = np.concatenate((corners, _corners_of(*map(np.atleast_2d, geometry.box))))
+    points = _physical(geometry, corners)
     if scene.view.center == "middle":
         return enclosing_ball(points)
     centre = geometry.physical(scene.view.center)
-    return Ball(centre, max(squared_distances(centre, points)) ** 0.5)
+    return Ball(centre, reach(centre, points))
 
 
 def _longest_step(geometry: Geometry) -> float:
@@ -101,25 +104,21 @@ def _without_strays(rows: dict[Row, int]) -> dict[Row, int]:
     return {row: bits for row, bits in kept.items() if bits} if strays <= STRAY * visible else rows
 
 
-def _corners(rows: dict[Row, int], dims: Index, bounds: Box) -> list[Vector]:
+def _corners(rows: dict[Row, int], dims: Index, bounds: Box) -> Indices:
     """Grid points about all voxel centres of the blocks within the bounds."""
-    corners: list[Vector] = []
-    for (j, k), bits in rows.items():
-        first, last = (bits & -bits).bit_length() - 1, bits.bit_length() - 1
-        blocks = ((first, j, k), (last, j, k))
-        box = _voxels(blocks[0], dims, bounds).low, _voxels(blocks[1], dims, bounds).high
-        corners += _corners_of(Box(*box))
-    return corners
+    ends = [((bits & -bits).bit_length() - 1, bits.bit_length() - 1) for bits in rows.values()]
+    first, last = (np.array([(i, *row) for i, row in zip(at, rows, strict=True)]) for at in zip(*ends, strict=True))
+    size = block_size(dims)
+    return _corners_of(np.maximum(first * size, bounds.low), np.minimum((last + 1) * size, bounds.high))
 
 
-def _voxels(block: Index, dims: Index, bounds: Box) -> Box:
-    low, high = [], []
-    for axis, step in enumerate(block_size(dims)):
-        low.append(max(block[axis] * step, bounds.low[axis]))
-        high.append(min((block[axis] + 1) * step, bounds.high[axis]))
-    return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+def _corners_of(low: Indices, high: Indices) -> Indices:
+    """Eight of each box."""
+    return np.stack((low, high - 1), axis=1)[:, CORNERS, np.arange(3)].reshape(-1, 3)
 
 
-def _corners_of(box: Box) -> list[Vector]:
-    sides = [(float(low), float(high - 1)) for low, high in zip(*box, strict=True)]
-    return [(i, j, k) for i, j, k in product(*sides)]
+def _physical(geometry: Geometry, indices: Indices) -> Points:
+    """Geometry.physical of each, by the very operations."""
+    i, j, k = indices.T.astype(np.float64)
+    along = zip(geometry.index_to_physical, geometry.origin, strict=True)
+    return np.stack([a * i + b * j + c * k + at for (a, b, c), at in along], axis=1)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -29,9 +30,10 @@ points = st.lists(st.tuples(*[st.floats(-100, 100)] * 3), min_size=1, max_size=3
 
 @given(points=points)
 def test_the_smallest_ball_holds_all_and_is_no_larger_than_it_must_be(points: list[tuple[float, float, float]]) -> None:
-    ball = enclosing_ball(points)
-    assert max(squared_distances(ball.centre, points)) <= ball.radius**2 * (1 + 1e-6) + 1e-12
-    farthest = max(max(squared_distances(one, points)) for one in points) ** 0.5
+    those = np.array(points)
+    ball = enclosing_ball(those)
+    assert max(squared_distances(ball.centre, those)) <= ball.radius**2 * (1 + 1e-6) + 1e-12
+    farthest = max(max(squared_distances(one, those)) for one in points) ** 0.5
     assert farthest / 2 <= ball.radius * (1 + 1e-6) + 1e-9  # Jung: between half the diameter and sqrt(3/8) of it
     assert ball.radius <= (3 / 8) ** 0.5 * farthest * (1 + 1e-6) + 1e-9
 
