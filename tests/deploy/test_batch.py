@@ -120,7 +120,7 @@ def test_a_run_that_was_ended_goes_on_with_machines_and_without(
 
 def test_the_command_is_ended_by_ctrl_c_and_goes_on(tmp_path: Path, cluster: Path) -> None:
     person = Person(tmp_path)
-    volume = written(tmp_path / "tall.nrrd", values_of("uint8", (64, 64, 1300)))
+    volume = written(tmp_path / "tall.nrrd", values_of("uint8", (64, 64, 700)))
     out = tmp_path / "tall.zarr"
     journal = out / ".prepare" / "journal.json"
     running = person.starts("prepare", "tall.nrrd", "tall.zarr", "--cluster", "cluster.toml")
