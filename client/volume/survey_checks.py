@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.protocol.description.block_extremes import BLOCK_BYTES, block_dims
 from volsplat.protocol.description.volume import Index
@@ -24,13 +25,18 @@ def check_survey(survey: Survey, voxels: int) -> None:
 
 def check_counts(payload: memoryview, voxels: int) -> None:
     """Raises RemoteProtocolError for histograms that cannot be those of so many voxels."""
-    counts = np.frombuffer(payload, np.int64).reshape(2, HISTOGRAM_BINS).tolist()
+    counts = np.frombuffer(payload, np.int64).reshape(2, HISTOGRAM_BINS)
     for scalar, counted in zip(("density", "strength"), counts, strict=True):
-        if min(counted) < 0 or sum(counted) > voxels:
+        total, least = _sum(counted), int(counted.min())
+        if least < 0 or total > voxels:
             raise RemoteProtocolError(
-                f"its histogram of {scalar} counts {sum(counted)} voxels, the least bin {min(counted)}, but its boxes "
-                f"have {voxels}"
+                f"its histogram of {scalar} counts {total} voxels, the least bin {least}, but its boxes have {voxels}"
             )
+
+
+def _sum(counts: NDArray[np.int64]) -> int:
+    """Of any numbers: the sums of their halves fit into 64 bits."""
+    return (int((counts >> 32).sum()) << 32) + int((counts & 0xFFFFFFFF).sum())
 
 
 def check_extremes(payload: memoryview, dims: Index) -> None:

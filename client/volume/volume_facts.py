@@ -8,17 +8,16 @@ import msgspec
 
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.volume_info import PERCENTILES, TitledPart
-from volsplat.protocol.rules.index_rules import percentile
+from volsplat.protocol.rules.index_rules import percentiles
 
 
 def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> dict[str, Any]:
     """Plain values, as JSON has them. Where no voxel has a value, `range`, `percentiles` and `histogram` are null."""
     told, survey = known.description, known.survey
     geometry, empty = told.geometry, survey.low > survey.high
-    cuts = {
-        f"{share:.0%}": percentile(known.density_counts, survey.low, survey.high, share)
-        for share in (() if empty else PERCENTILES)
-    }
+    shares = () if empty else PERCENTILES
+    found = percentiles(known.density_counts, survey.low, survey.high, shares)
+    cuts = {f"{share:.0%}": value for share, value in zip(shares, found, strict=True)}
     facts = {
         "name": told.name,
         "format": told.format,

@@ -19,7 +19,7 @@ from volsplat.protocol.description.scene import TABLE_ENTRIES
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
-from volsplat.protocol.rules.index_rules import Survey, percentile
+from volsplat.protocol.rules.index_rules import Survey, percentile, percentiles
 from volsplat.protocol.rules.levels import Prepared
 
 NOTE = "note"  # what a row is called that says what the reader had to change or assume
@@ -114,7 +114,7 @@ class VolumeInfo:
             rows.append(("range", "no voxel has a value"))
         else:
             rows.append(("range", f"{survey.low:.7g} to {survey.high:.7g}"))
-            cuts = [percentile(self.density_counts, survey.low, survey.high, fraction) for fraction in PERCENTILES]
+            cuts = percentiles(self.density_counts, survey.low, survey.high, PERCENTILES)
             if "int" in description.scalar_type:
                 cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
             shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))

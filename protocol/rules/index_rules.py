@@ -18,6 +18,7 @@ largest is 15, rounded half away from zero. Directions are in physical space and
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Literal
 
@@ -117,10 +118,20 @@ class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def percentile(counts: list[int], low: float, high: float, fraction: float) -> float:
     """The value below which `fraction` of the counts lie; bins split low..high evenly, the upper edge is returned."""
+    (found,) = percentiles(counts, low, high, (fraction,))
+    return found
+
+
+def percentiles(counts: list[int], low: float, high: float, fractions: Sequence[float]) -> list[float]:
+    """Several, for which the counts are added up once."""
     up_to = list(accumulate(counts))
-    wanted = fraction * up_to[-1] if up_to else 0.0
-    reached = bisect_left(up_to, wanted) if wanted > 0.0 else bisect_right(up_to, 0)
-    return low + (high - low) * ((reached + 1) / len(counts)) if reached < len(counts) else high
+
+    def at(fraction: float) -> float:
+        wanted = fraction * up_to[-1] if up_to else 0.0
+        reached = bisect_left(up_to, wanted) if wanted > 0.0 else bisect_right(up_to, 0)
+        return low + (high - low) * ((reached + 1) / len(counts)) if reached < len(counts) else high
+
+    return [at(fraction) for fraction in fractions]
 
 
 def density_window(
@@ -138,8 +149,8 @@ def density_window(
     if survey.low > survey.high:
         return (0.0, 1.0)
     bin_width = (survey.high - survey.low) / len(counts)
-    low = percentile(counts, survey.low, survey.high, 0.0005) - bin_width
-    high = percentile(counts, survey.low, survey.high, 0.9995)
+    low, high = percentiles(counts, survey.low, survey.high, (0.0005, 0.9995))
+    low -= bin_width
     if not low < high or kind in CLASS_KINDS:
         low, high = survey.low, survey.high
     # Values too close for a scale in float64 are a constant.
