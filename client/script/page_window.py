@@ -17,8 +17,8 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import LOOPBACK
 
 
-def show_page(session: Session, scene: Scene, port: int, browser: bool, grace: float) -> None:
-    """Serve it at a port of this machine, or at any free one for 0, until Ctrl-C; ends the session."""
+def show_page(session: Session, scene: Scene, port: int, browser: bool, grace: float, lent: bool = False) -> None:
+    """Serve it at a port of this machine, or at any free one for 0, until Ctrl-C; ends a session that is not `lent`."""
     with socket.socket() as bound:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -36,4 +36,4 @@ def show_page(session: Session, scene: Scene, port: int, browser: bool, grace: f
                 tab.make_room()
             with suppress(KeyboardInterrupt):  # which is how a person is done with it
                 viewing = opened_viewing(session, scene)
-                Application(ShownVolume(viewing), lambda: page(viewing), address, grace).run(ready)
+                Application(ShownVolume(viewing, lent=lent), lambda: page(viewing), address, grace).run(ready)

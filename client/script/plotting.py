@@ -108,7 +108,8 @@ def view(
 ) -> None:
     """Show a volume, as `render` takes it, in the browser with every control of the scene, until Ctrl-C.
 
-    Ends also when no page has been open for `grace` seconds. Its address is printed; it is for this machine alone.
+    In a notebook that is the kernel's interrupt. Ends also when no page has been open for `grace` seconds. Its address
+    is printed; it is for this machine alone. A `Session` goes on.
     Raises BadInput without the extra [ui].
     """
     for library in ("nicegui", "PIL"):
@@ -116,7 +117,7 @@ def view(
     from volsplat.client.script.page_window import show_page
 
     if isinstance(volume, Session):
-        show_page(volume, _scene(volume.volume, scene, changes), port, browser, grace)
+        show_page(volume, _scene(volume.volume, scene, changes), port, browser, grace, lent=True)
         return
     with _opened(volume) as session:
         show_page(session, _scene(session.volume, scene, changes), port, browser, grace)

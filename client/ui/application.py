@@ -6,12 +6,13 @@ import asyncio
 import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
 
 import nicegui
 import uvicorn
 from fastapi import FastAPI
-from nicegui import Client, context, ui
+from nicegui import Client, context, core, ui
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -142,6 +143,7 @@ class Application:
         application.add_api_route(EARLY_PATH, self._early_picture, include_in_schema=False, response_model=None)
         for path in (WAITING_PATH, ALIVE_PATH):
             application.add_api_route(path, _nothing_to_say, include_in_schema=False)
+        _begin_anew()
         ui.page("/", reconnect_timeout=RECONNECT_SECONDS)(self._page)
         ui.run_with(
             application,
@@ -178,7 +180,11 @@ class Application:
         """Serve; `on_ready` is called once the port is open. What Ctrl-C and its like raise is raised at the end."""
         self._on_ready = on_ready
         with interrupts_held(self._end):
-            self._server.run(sockets=[self._bound])
+            if _a_loop_runs_here():
+                with ThreadPoolExecutor(1, "page") as apart:
+                    apart.submit(self._server.run, [self._bound]).result()
+            else:
+                self._server.run([self._bound])
 
     def _end(self) -> None:
         self._server.should_exit = True
@@ -232,6 +238,27 @@ class Application:
         self._pages.coming()
         self._build_page()
         return None
+
+
+def _begin_anew() -> None:
+    """Let go of what NiceGUI, which is one for a whole process, keeps of a page that was served before.
+
+    Raises BadInput while it serves one.
+    """
+    if not core.app.is_stopped:
+        raise BadInput("this process serves a page already; end that one first, or use another process")
+    core.app.user_middleware.clear()
+    core.app.middleware_stack = None
+    core.sio.eio.start_service_task = True  # the one that was started has ended with its loop
+
+
+def _a_loop_runs_here() -> bool:
+    """Whether this thread is within an event loop, as a notebook's cells are: then it cannot run another one."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 async def _nothing_to_say() -> Response:

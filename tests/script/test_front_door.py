@@ -21,6 +21,7 @@ from PIL import Image
 
 import volsplat as vs
 from support.checkout import ROOT
+from support.pages import patient_http
 from support.patience import PATIENCE, wait_until
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.script import page_window, plotting
@@ -165,6 +166,47 @@ def test_view_serves_the_page_until_it_is_interrupted(tmp_path: Path) -> None:
         assert re.match(r"cube is at http://127\.0\.0\.1:\d+/\?", script.stdout.readline())
         script.send_signal(signal.SIGINT)
         assert script.communicate(timeout=PATIENCE) == ("and on\n", "")
+
+
+def test_cells_of_a_notebook_show_the_page_one_after_another_and_keep_their_session(tmp_path: Path) -> None:
+    """A notebook's cells run within an event loop, all in one process."""
+    code = """
+async def cells():
+    with vs.open(volume, workers=1, threads=1) as session:
+        for cell in range(2):
+            vs.view(session, browser=False, size=32)
+        print(session.render(session.default_scene().with_(size=32)).max() > 0)
+import asyncio; asyncio.new_event_loop().run_until_complete(cells())
+"""
+    with started(tmp_path, SCRIPT + code) as script:
+        assert script.stdout is not None
+        for _cell in range(2):
+            address = script.stdout.readline().removeprefix("cube is at ").strip()
+            with patient_http.Client(follow_redirects=True) as browser:
+                assert "cube" in browser.get(address).raise_for_status().text
+            script.send_signal(signal.SIGINT)
+        assert script.communicate(timeout=PATIENCE) == ("tensor(True)\n", "")
+
+
+def test_a_process_serves_one_page_at_a_time(tmp_path: Path) -> None:
+    code = """
+import threading
+def second():
+    input()
+    try:
+        vs.view(volume, browser=False)
+    except vs.BadInput as error:
+        print(error, flush=True)
+threading.Thread(target=second).start()
+vs.view(volume, browser=False)
+"""
+    with started(tmp_path, SCRIPT + code) as script:
+        assert script.stdin is not None and script.stdout is not None
+        script.stdout.readline()
+        print(file=script.stdin, flush=True)
+        assert script.stdout.readline().startswith("this process serves a page already; end that one first")
+        script.send_signal(signal.SIGINT)
+        assert script.communicate(timeout=PATIENCE) == ("", "")
 
 
 def started(folder: Path, code: str) -> subprocess.Popen[str]:

@@ -17,15 +17,21 @@ from volsplat.client.ui.viewing.viewing import Unsubscribe, Viewing
 class ShownVolume:
     """`viewing` and `restart` are of the volume that is shown now; without a restart one that has ended stays so.
 
-    There may be `none` of a volume at first: then `viewing` is None until one is taken.
+    There may be `none` of a volume at first: then `viewing` is None until one is taken. The session of one that is
+    `lent` is the caller's, who goes on with it.
     """
 
     def __init__(
-        self, viewing: Viewing | None = None, restart: Restart | None = None, none: NoVolume | None = None
+        self,
+        viewing: Viewing | None = None,
+        restart: Restart | None = None,
+        none: NoVolume | None = None,
+        lent: bool = False,
     ) -> None:
         self.viewing = viewing
         self.restart = restart
         self._none = none
+        self._lent = lent
         self._on_first: list[Callable[[], None]] = []
         self._closing = threading.Lock()  # guards the viewing and what follows
         self._closed = False
@@ -108,12 +114,12 @@ class ShownVolume:
             session.close(another)
 
     def close(self) -> None:
-        """End the session, whichever it is by now, and what is being opened. Safe to call twice."""
+        """End the session unless it is lent, whichever it is by now, and what is being opened. Safe to call twice."""
         with self._closing:
             self._closed = True
             viewing = self.viewing
         self.give_up()
-        if viewing is not None:
+        if viewing is not None and not self._lent:
             viewing.close()
         if self._none is not None:
             self._none.close()
