@@ -74,6 +74,13 @@ def virtual_hdf5(folder: Path) -> tuple[Path, Path]:
     return folder / "v.h5", folder / "x.h5"
 
 
+def linked_hdf5(folder: Path) -> tuple[Path, Path]:
+    with h5py.File(folder / "v.h5", "w") as file:
+        file["v"] = h5py.ExternalLink("x.h5", "/v")
+    fifo(folder / "x.h5")
+    return folder / "v.h5", folder / "x.h5"
+
+
 SETS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
     "OME-TIFF set": ome_set,
     "TIFF slices": tiff_slices,
@@ -83,6 +90,7 @@ SETS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
     "Zarr 3, a chunk": zarr_with("c/0/0/0", 3),
     "Zarr 3, its document": zarr_with("zarr.json", 3),
     "virtual HDF5": virtual_hdf5,
+    "linked HDF5": linked_hdf5,
 }
 
 

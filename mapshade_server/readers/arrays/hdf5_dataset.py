@@ -6,7 +6,7 @@ or from element_size_um, which Fiji and ilastik write; the values' meaning from 
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,14 @@ from volsplat.mapshade_server.readers.arrays.array_volume import (
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
-from volsplat.mapshade_server.readers.arrays.hdf5_names import files_beside, refuse_outside
+from volsplat.mapshade_server.readers.arrays.hdf5_names import (
+    behind,
+    files_beside,
+    links_out,
+    lost_links,
+    missing_beside,
+    refuse_outside,
+)
 from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
@@ -67,8 +74,8 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
         refuse_outside(h5py, path)
         if (image := image_in(h5py, chosen, file)) is not None:
             return _image(h5py, chosen, image, file[image.path])
-        dataset, parts = _dataset(h5py, chosen, file)
-        chosen = chosen._replace(path=dataset.name)
+        name, dataset, parts = _dataset(h5py, chosen, file)
+        chosen = chosen._replace(path=name)
         _check_readable(h5py, chosen, dataset)
         attributes = _attributes(dataset)
         values = cf_values(chosen.whole, dataset.dtype, {**_never_written(dataset), **attributes})
@@ -77,13 +84,13 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
         chunk_items = SIEVE_BYTES // dataset.dtype.itemsize
         return array_volume(
             chosen,
-            f"HDF5 dataset {dataset.name}",
+            f"HDF5 dataset {name}",
             grid,
             values,
-            _picks(path, dataset.name),
-            density_name=text_attribute(attributes, "long_name") or dataset.name.rpartition("/")[2],
+            _picks(path, name),
+            density_name=text_attribute(attributes, "long_name") or name.rpartition("/")[2],
             value_unit=text_attribute(attributes, "units"),
-            warnings=[one.warning for one in coordinates],
+            warnings=[*_told_missing(path, dataset), *(one.warning for one in coordinates)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
             parts=parts,
@@ -144,46 +151,53 @@ def _reason(error: Exception) -> str:
     return f"HDF5 cannot read it ({match[1] if match else text})"
 
 
-def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> tuple[Any, list[Part]]:
-    """The dataset that the part names, else the only one with enough axes, or the file's default, with the others."""
+def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> tuple[str, Any, list[Part]]:
+    """The dataset that the part names, else the only one with enough axes, or the file's default, with the others.
+
+    Its path is that in this file: in another one, to which a link may lead, it has a name of its own.
+    """
     if "minc-2.0" in file:
         raise is_minc(part)
     if part.path and part.path not in file:
-        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(h5py, file))))}")
-    found = file[part.path or "/"]
+        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(h5py, file, ''))))}")
+    root = "/" + part.path.strip("/")
+    found = file[root]
     if isinstance(found, h5py.Dataset):
-        return found, []
-    arrays = _arrays(h5py, found)
-    volumes = [array for array in arrays if len(array.shape) >= 3 and array.dtype.kind in "biuf"]
+        return root, found, []
+    arrays = _arrays(h5py, found, root.rstrip("/"))
+    volumes = {path: array for path, array in arrays.items() if len(array.shape) >= 3 and array.dtype.kind in "biuf"}
     if len(volumes) == 1:
-        return volumes[0], []
+        return *volumes.popitem(), []
     if not volumes:
-        held = listed(shown(_told(arrays)))
+        held = listed([*shown(_told(arrays)), *lost_links(h5py, found)])
         raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {held}")
     default = _nexus_default(h5py, found)
-    if default in volumes:
-        return default, _told(volumes)
+    for path, array in volumes.items():
+        if array == default:
+            return path, array, _told(volumes)
     raise choose_one(part, part.whole, _told(volumes))
 
 
-def _arrays(h5py: ModuleType, group: Any) -> list[Any]:
-    """All datasets in a group and its groups."""
-    found = []
+def _arrays(h5py: ModuleType, group: Any, root: str) -> dict[str, Any]:
+    """All datasets in the group at `root` and its groups, by path, and those in other files to which links lead."""
+    found: dict[str, Any] = {}
     left = MOST_OBJECTS
 
     def look(name: str, one: Any) -> bool | None:
         nonlocal left
         left -= 1
         if isinstance(one, h5py.Dataset) and one.shape:
-            found.append(one)
+            found[f"{root}/{name}"] = one
         return True if left == 0 else None
 
     group.visititems(look)
+    for name, link in links_out(h5py, group)[: max(left, 0)]:
+        look(name, behind(group, name, link))
     return found
 
 
-def _told(arrays: list[Any]) -> list[Part]:
-    return [array_told(array.name, array.shape) for array in arrays]
+def _told(arrays: Mapping[str, Any]) -> list[Part]:
+    return [array_told(path, array.shape) for path, array in arrays.items()]
 
 
 def _nexus_default(h5py: ModuleType, group: Any) -> Any:
@@ -219,6 +233,18 @@ def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
         beside = Path(part.place).parent / name
         if beside.exists():
             check_is_file(beside)
+
+
+def _told_missing(path: Path, dataset: Any) -> list[str]:
+    """Of files with its voxels that are not there. Raises BadInput if none is."""
+    missing = missing_beside(path, dataset)
+    if not missing:
+        return []
+    every = len(set(files_beside(dataset)))
+    if len(missing) == every:
+        raise BadInput(f"{path}: its voxels are in {listed(missing)}, which is not there; put that beside it")
+    told = f"{len(missing)} of {every} files with its voxels are not there ({listed(missing)})"
+    return [f"{told}: {dataset.fillvalue} is shown instead"]
 
 
 def _attributes(one: Any) -> Attributes:

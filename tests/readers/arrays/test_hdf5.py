@@ -305,6 +305,14 @@ def linked(path: Path) -> Path:
     return written(path, lambda file: file.__setitem__("data", h5py.ExternalLink("nowhere.h5", "/data")))
 
 
+def virtual(path: Path, *names: str) -> Path:
+    """A dataset whose sheets are these files' first ones."""
+    layout = h5py.VirtualLayout((len(names), *NOISE.shape[1:]), NOISE.dtype)
+    for n, name in enumerate(names):
+        layout[n] = h5py.VirtualSource(name, "entry/data", NOISE.shape)[0]
+    return written(path, lambda file: file.create_virtual_dataset("data", layout))
+
+
 def empty(path: Path) -> Path:
     return written(path, lambda file: file.create_dataset("data", (90000, 90000, 90000), np.float64, chunks=True))
 
@@ -331,6 +339,8 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "colour": (lambda p: one(p, np.zeros((5, 6, 7, 3), np.uint8)), "", "choose an index of axis3, as in"),
     "never written": (empty, "", "no voxel of it was ever written"),
     "a lost link": (linked, "#data", "HDF5 cannot read it"),
+    "nothing but a lost link": (linked, "", "it holds data, which leads to /data of nowhere.h5, which is not there"),
+    "voxels that are elsewhere": (lambda p: virtual(p, "gone.h5"), "", "its voxels are in gone.h5, which is not there"),
     "an unknown filter": (
         of_another_filter,
         "",
@@ -355,6 +365,28 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "zero spacing": (lambda p: one(p, NOISE), "#spacing=0x1x1", "its spacing cannot be used"),
     "an option that is none": (lambda p: one(p, NOISE), "#/entry/data,level=1", "“level=1” names no axis"),
 }
+
+
+def test_links_lead_to_the_other_files_own_dataset(tmp_path: Path) -> None:
+    """As detectors write them: a master file beside the files of the data."""
+    one(tmp_path / "data_1.h5", NOISE)
+    master = one(tmp_path / "master.h5", NOISE[:, :, ::-1])
+    with h5py.File(master, "r+") as file:
+        file["entry/first"] = h5py.ExternalLink("data_1.h5", "/entry/data")
+    assert np.array_equal(read_whole(f"{master}#/entry/first"), NOISE)
+    with pytest.raises(BadInput, match=r"holds /entry/data \(.*\), /entry/first \(.*\); choose one"):
+        open_volume(str(master))
+    with h5py.File(master, "r+") as file:
+        del file["entry/data"]
+    assert np.array_equal(read_whole(str(master)), NOISE)
+
+
+def test_what_some_lost_files_held_is_told(tmp_path: Path) -> None:
+    one(tmp_path / "here.h5", NOISE)
+    volume = open_volume(str(virtual(tmp_path / "v.h5", "here.h5", "gone.h5", "here.h5")))
+    assert "1 of 2 files with its voxels are not there (gone.h5)" in volume.describe().warnings[0]
+    sheets = volume.read(volume.describe().geometry.box)
+    assert np.array_equal(sheets[0], NOISE[0]) and not sheets[1].any()
 
 
 @pytest.mark.parametrize("case", REFUSALS)
