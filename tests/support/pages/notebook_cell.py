@@ -31,7 +31,10 @@ _RENDER = """async ([source, traits]) => {
     off: (_, listener) => listeners.splice(listeners.indexOf(listener), 1),
   };
   const module = await import(URL.createObjectURL(new Blob([source], { type: "text/javascript" })));
-  window.endView = await module.default.render({ model, el: document.getElementById("cell") });
+  const el = document.getElementById("cell");
+  window.endView = await module.default.render({ model, el });
+  for (const name of ["height", "min-height", "width", "display", "overflow"])
+    el.style.removeProperty(name); // the widget's layout, which says nothing of them, is the last to style it
 }"""
 
 
@@ -46,7 +49,7 @@ class NotebookCell:
         self.widget = self.kernel(lambda: self._made(session, options))
         page.expose_function("toKernel", self._heard)
         head = f'<!doctype html><meta charset="utf-8"><style>{self.widget._css}</style>'
-        html = f'{head}<div id="cell" style="width: 1200px"></div>'
+        html = f'{head}<div style="width: 1200px"><div id="cell"></div></div>'
         page.route("**/*", lambda route: route.fulfill(body=html, content_type="text/html"))
         page.goto(ADDRESS)
         traits = {name: getattr(self.widget, name) for name in ("modules", "controls", "height")}

@@ -44,10 +44,10 @@ class WidgetTransport {
 }
 
 /** The controls in an element of their own. @returns {Promise<() => void>} what ends them */
-async function beside(el, imported, model, view) {
+async function beside(cell, imported, model, view) {
   const host = document.createElement("div");
   host.className = "vs-notebook-controls";
-  el.append(host);
+  cell.append(host);
   const { NotebookControls } = await imported("notebook/notebook_controls.js");
   const controls = new NotebookControls(host, (said) => model.send({ view, controls: said }));
   const received = (content) => content.view === view && content.controls && controls.show(content.controls);
@@ -57,16 +57,18 @@ async function beside(el, imported, model, view) {
 
 export default {
   async render({ model, el }) {
-    el.classList.add("vs-notebook");
-    el.style.height = `${model.get("height")}px`;
+    const cell = document.createElement("div"); // the style of `el` is the widget's layout's, which clears it
+    cell.className = "vs-notebook";
+    cell.style.height = `${model.get("height")}px`;
+    el.append(cell);
     const host = document.createElement("div");
     host.className = "vs-notebook-viewport";
-    el.append(host);
+    cell.append(host);
     const imported = linked(model.get("modules"));
     const { Viewport } = await imported("viewport/viewport.js");
     const transport = new WidgetTransport(model);
     const viewport = new Viewport(host, transport);
-    const end = model.get("controls") ? await beside(el, imported, model, transport.view) : () => {};
+    const end = model.get("controls") ? await beside(cell, imported, model, transport.view) : () => {};
     transport.open();
     return () => { end(); viewport.close?.(); transport.close(); };
   },
