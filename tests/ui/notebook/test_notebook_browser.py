@@ -49,6 +49,21 @@ def test_the_viewport_is_alone_where_nothing_else_is_asked_for(browser_page: Pag
         assert cell.page.locator(".vs-viewport").bounding_box() == {"x": 8, "y": 8, "width": 1200, "height": 300}
 
 
+def test_a_key_over_the_picture_is_no_command_of_the_notebook(browser_page: Page, session: Session) -> None:
+    """JupyterLab hears keys before any element does, and leaves out those whose own element says so."""
+    with notebook_cell(browser_page, session, controls=True, height=600) as cell:
+        cell.until(lambda: drawn(cell) and cell.page.locator(".vs-table").count() == 4)
+        cell.page.evaluate("""() => {
+          window.commands = [];
+          const hear = ({ key, target }) => { if (!("lmSuppressShortcuts" in target.dataset)) commands.push(key); };
+          document.addEventListener("keydown", hear, true);
+        }""")
+        cell.page.keyboard.press("d")
+        cell.page.locator(".vs-viewport canvas").press("m")
+        cell.page.locator(OPACITY).get_by_role("slider").last.press("x")
+        assert cell.page.evaluate("commands") == ["d"]
+
+
 def test_steps_and_tables_lie_beside_the_viewport(browser_page: Page, session: Session) -> None:
     with notebook_cell(browser_page, session, controls=True, height=600) as cell:
         page, finished = cell.page, cell.page.locator(FINISHED)

@@ -55,11 +55,17 @@ async function beside(cell, imported, model, view) {
   return () => { model.off("msg:custom", received); controls.close(); };
 }
 
+/** Keys are the element's own while it has the focus: JupyterLab would take M as "make the cell Markdown", which ends us. */
+function keepKeys(element) {
+  element.dataset.lmSuppressShortcuts = "true";
+}
+
 export default {
   async render({ model, el }) {
     const cell = document.createElement("div"); // the style of `el` is the widget's layout's, which clears it
     cell.className = "vs-notebook";
     cell.style.height = `${model.get("height")}px`;
+    cell.addEventListener("focusin", (event) => keepKeys(event.target));
     el.append(cell);
     const host = document.createElement("div");
     host.className = "vs-notebook-viewport";
