@@ -272,9 +272,7 @@ def test_one_chunk_says_why_it_is_read_whole(tmp_path: Path) -> None:
 
 
 NOISE = np.random.default_rng(0).integers(0, 30000, (20, 20, 20)).astype(np.int16)
-OF_TESTS = (
-    300  # a number that HDF5 keeps for tests: no library that another test loads brings such a filter, as netCDF4 does
-)
+OF_TESTS = 300  # of the numbers that HDF5 keeps for tests: netCDF4, which other tests load, brings 32001
 
 
 def cut(path: Path, share: float) -> Path:
