@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -74,11 +75,17 @@ def virtual_hdf5(folder: Path) -> tuple[Path, Path]:
     return folder / "v.h5", folder / "x.h5"
 
 
-def linked_hdf5(folder: Path) -> tuple[Path, Path]:
-    with h5py.File(folder / "v.h5", "w") as file:
-        file["v"] = h5py.ExternalLink("x.h5", "/v")
-    fifo(folder / "x.h5")
-    return folder / "v.h5", folder / "x.h5"
+def linked_hdf5(*files: str, part: str = "") -> Callable[[Path], tuple[Path, Path]]:
+    """Each file's link leads to the next one's, the last one's to the FIFO."""
+
+    def make(folder: Path) -> tuple[Path, Path]:
+        for name, following in pairwise([*files, "x.h5"]):
+            with h5py.File(folder / name, "w") as file:
+                file["v"] = h5py.ExternalLink(following, "/v")
+        fifo(folder / "x.h5")
+        return folder / f"{files[0]}{part}", folder / "x.h5"
+
+    return make
 
 
 SETS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
@@ -90,7 +97,9 @@ SETS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
     "Zarr 3, a chunk": zarr_with("c/0/0/0", 3),
     "Zarr 3, its document": zarr_with("zarr.json", 3),
     "virtual HDF5": virtual_hdf5,
-    "linked HDF5": linked_hdf5,
+    "linked HDF5": linked_hdf5("v.h5"),
+    "linked HDF5, by name": linked_hdf5("v.h5", part="#v"),
+    "HDF5, linked twice": linked_hdf5("v.h5", "w.h5"),
 }
 
 

@@ -33,7 +33,9 @@ from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, 
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.arrays.hdf5_names import (
+    MOST_OBJECTS,
     behind,
+    check_way,
     files_beside,
     links_out,
     lost_links,
@@ -60,7 +62,6 @@ ATTRIBUTES = (
     "default signal axes element_size_um MATLAB_class"
 ).split()
 SIEVE_BYTES = 1 << 16  # that HDF5 reads at least if a dataset is not in chunks
-MOST_OBJECTS = 20000  # that are looked at for datasets
 
 
 def recognises(head: bytes) -> bool:
@@ -90,7 +91,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             _picks(path, name),
             density_name=text_attribute(attributes, "long_name") or name.rpartition("/")[2],
             value_unit=text_attribute(attributes, "units"),
-            warnings=[*_told_missing(path, dataset), *(one.warning for one in coordinates)],
+            warnings=[*_told_missing(dataset), *(one.warning for one in coordinates)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
             parts=parts,
@@ -158,6 +159,7 @@ def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> tuple[str, Any, li
     """
     if "minc-2.0" in file:
         raise is_minc(part)
+    check_way(h5py, file, part.path)
     if part.path and part.path not in file:
         raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(h5py, file, ''))))}")
     root = "/" + part.path.strip("/")
@@ -179,21 +181,24 @@ def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> tuple[str, Any, li
 
 
 def _arrays(h5py: ModuleType, group: Any, root: str) -> dict[str, Any]:
-    """All datasets in the group at `root` and its groups, by path, and those in other files to which links lead."""
-    found: dict[str, Any] = {}
+    """All datasets in the group at `root` and its groups, each by one path, and those to which links out of it lead."""
+    found: dict[Any, str] = {}
     left = MOST_OBJECTS
 
     def look(name: str, one: Any) -> bool | None:
         nonlocal left
         left -= 1
         if isinstance(one, h5py.Dataset) and one.shape:
-            found[f"{root}/{name}"] = one
-        return True if left == 0 else None
+            found.setdefault(one, f"{root}/{name}")
+        return True if left <= 0 else None
 
     group.visititems(look)
-    for name, link in links_out(h5py, group)[: max(left, 0)]:
-        look(name, behind(group, name, link))
-    return found
+    for name, _ in links_out(h5py, group, MOST_OBJECTS):
+        one = behind(h5py, group, name)
+        look(name, one)
+        if isinstance(one, h5py.Group):
+            one.visititems(lambda inner, it, name=name: look(f"{name}/{inner}", it))
+    return {path: one for one, path in found.items()}
 
 
 def _told(arrays: Mapping[str, Any]) -> list[Part]:
@@ -230,19 +235,20 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
 def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
     """Raises BadInput if a file that holds its voxels is a FIFO, which HDF5 would wait for."""
     for name in files_beside(dataset):
-        beside = Path(part.place).parent / name
+        beside = Path(dataset.file.filename).parent / name
         if beside.exists():
             check_is_file(beside)
 
 
-def _told_missing(path: Path, dataset: Any) -> list[str]:
+def _told_missing(dataset: Any) -> list[str]:
     """Of files with its voxels that are not there. Raises BadInput if none is."""
-    missing = missing_beside(path, dataset)
+    missing = missing_beside(dataset)
     if not missing:
         return []
     every = len(set(files_beside(dataset)))
     if len(missing) == every:
-        raise BadInput(f"{path}: its voxels are in {listed(missing)}, which is not there; put that beside it")
+        own = dataset.file.filename
+        raise BadInput(f"{own}: has its voxels in files that are not there ({listed(missing)}); put them beside it")
     told = f"{len(missing)} of {every} files with its voxels are not there ({listed(missing)})"
     return [f"{told}: {dataset.fillvalue} is shown instead"]
 

@@ -1,6 +1,7 @@
 """Files that an HDF5 file names: by external links, by virtual datasets, and as places of a dataset's values."""
 
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +12,8 @@ from volsplat.mapshade_server.readers.reading.named_files import are_held, named
 
 SAME_FILE = "."
 PREFIX = "HDF5_VDS_PREFIX"  # where else HDF5 looks
+MOST_OBJECTS = 20000  # of a file that are looked at for datasets, and links for files
+MOST_HOPS = 16  # from link to link, as HDF5 has it
 
 
 def files_beside(dataset: Any) -> list[str]:
@@ -19,40 +22,75 @@ def files_beside(dataset: Any) -> list[str]:
     return [*virtual, *(name for name, _, _ in dataset.external or ())]
 
 
-def missing_beside(path: Path, dataset: Any) -> list[str]:
+def missing_beside(dataset: Any) -> list[str]:
     """Those files of a virtual dataset that are not where HDF5 looks for them, which then gives its fill value instead.
 
     Names of files without end, numbered by %b, are left to HDF5.
     """
     if not dataset.is_virtual or PREFIX in os.environ:
         return []
-    places = (path.parent, path.resolve().parent, Path())
-    return [
-        name
-        for name in dict.fromkeys(files_beside(dataset))
-        if name != SAME_FILE
-        and "%b" not in name
-        and not any((place / one).exists() for place in places for one in (name, Path(name).name))
-    ]
+    own, names = Path(dataset.file.filename), dict.fromkeys(files_beside(dataset))
+    stated = {name: name.replace("%%", "%") for name in names if name != SAME_FILE and not _is_numbered(name)}
+    return [name for name in stated.values() if _found(own, name) is None]
 
 
-def links_out(h5py: ModuleType, group: Any) -> list[tuple[str, Any]]:
-    """The external links in a group and its groups, by path."""
+def _is_numbered(name: str) -> bool:
+    return "%b" in name.replace("%%", "")
+
+
+def _found(own: Path, name: str) -> Path | None:
+    """The file that another one names, where HDF5 finds it; held to a folder, only where it may look."""
+    given = Path(name)
+    places = [own.parent / given]  # absolute ones as they are
+    if not are_held():
+        places += [own.parent / given.name if given.is_absolute() else given, own.resolve().parent / given]
+    return next((place for place in places if place.exists()), None)
+
+
+def links_out(h5py: ModuleType, group: Any, most: int) -> list[tuple[str, Any]]:
+    """The external links in a group and its groups, by path, among so many links of all kinds."""
     found: list[tuple[str, Any]] = []
+    left = most
 
-    def look(name: str, link: Any) -> None:
-        if isinstance(link, h5py.ExternalLink):
-            found.append((name, link))
+    def look(name: bytes, info: Any) -> bool | None:
+        nonlocal left
+        left -= 1
+        if info.type == h5py.h5l.TYPE_EXTERNAL:
+            path = name.decode(errors="surrogateescape")
+            found.append((path, group.get(path, getlink=True)))
+        return True if left <= 0 else None
 
-    group.visititems_links(look)
+    group.id.links.visit(look, info=True)
     return found
 
 
-def behind(group: Any, name: str, link: Any) -> Any:
+def check_way(h5py: ModuleType, group: Any, path: str, hops: int = MOST_HOPS) -> None:
+    """Raises BadInput if a link on the way to a path leads to what is no file: HDF5 would wait for a FIFO."""
+    at, steps = group.file if path.startswith("/") else group, [step for step in path.split("/") if step]
+    for n, step in enumerate(steps):
+        link, rest = at.get(step, getlink=True), "/".join(steps[n + 1 :])
+        if isinstance(link, h5py.ExternalLink):
+            _check_way_out(h5py, at, link, rest, hops)
+        elif isinstance(link, h5py.SoftLink) and hops:
+            check_way(h5py, at, f"{link.path}/{rest}", hops - 1)
+        elif isinstance(link, h5py.HardLink) and isinstance(at[step], h5py.Group):
+            at = at[step]
+            continue
+        return
+
+
+def _check_way_out(h5py: ModuleType, group: Any, link: Any, rest: str, hops: int) -> None:
+    if (place := _found(Path(group.file.filename), link.filename)) is None:
+        return
+    check_is_file(place)
+    if hops and h5py.is_hdf5(place):
+        with h5py.File(place, "r", locking="best-effort") as other:
+            check_way(h5py, other, f"{link.path}/{rest}", hops - 1)
+
+
+def behind(h5py: ModuleType, group: Any, name: str) -> Any:
     """What an external link of the group leads to, None if that is not there. Raises BadInput if it is no file."""
-    beside = Path(group.file.filename).parent / link.filename
-    if beside.exists():
-        check_is_file(beside)
+    check_way(h5py, group, name)
     return group.get(name)
 
 
@@ -60,8 +98,8 @@ def lost_links(h5py: ModuleType, group: Any) -> list[str]:
     """External links that lead nowhere, as a line tells them."""
     return [
         f"{name}, which leads to {link.path} of {link.filename}, which is not there"
-        for name, link in links_out(h5py, group)
-        if behind(group, name, link) is None
+        for name, link in links_out(h5py, group, MOST_OBJECTS)
+        if behind(h5py, group, name) is None
     ]
 
 
@@ -86,6 +124,6 @@ def _names(h5py: ModuleType, path: Path) -> Iterator[str]:
             found.extend(files_beside(one))
 
     with h5py.File(path, "r", locking="best-effort") as file:
-        found.extend(link.filename for _, link in links_out(h5py, file))
+        found.extend(link.filename for _, link in links_out(h5py, file, sys.maxsize))
         file.visititems(look_at_object)
     yield from (name for name in dict.fromkeys(found) if name != SAME_FILE)

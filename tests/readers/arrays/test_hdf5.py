@@ -341,7 +341,11 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "never written": (empty, "", "no voxel of it was ever written"),
     "a lost link": (linked, "#data", "HDF5 cannot read it"),
     "nothing but a lost link": (linked, "", "it holds data, which leads to /data of nowhere.h5, which is not there"),
-    "voxels that are elsewhere": (lambda p: virtual(p, "gone.h5"), "", "its voxels are in gone.h5, which is not there"),
+    "voxels that are elsewhere": (
+        lambda p: virtual(p, "gone.h5"),
+        "",
+        "has its voxels in files that are not there (gone.h5)",
+    ),
     "an unknown filter": (
         of_another_filter,
         "",
@@ -380,6 +384,28 @@ def test_links_lead_to_the_other_files_own_dataset(tmp_path: Path) -> None:
     with h5py.File(master, "r+") as file:
         del file["entry/data"]
     assert np.array_equal(read_whole(str(master)), NOISE)
+
+
+def test_links_to_groups_and_to_what_is_there_already_lead_to_each_dataset_once(tmp_path: Path) -> None:
+    one(tmp_path / "data.h5", NOISE)
+    links = {"group": ("data.h5", "/entry"), "again": ("data.h5", "/entry/data"), "ring": ("v.h5", "/ring")}
+
+    def fill(file: Any) -> None:
+        for name, to in links.items():
+            file[name] = h5py.ExternalLink(*to)
+
+    assert np.array_equal(read_whole(str(written(tmp_path / "v.h5", fill))), NOISE)
+
+
+def test_a_virtual_dataset_has_its_files_beside_its_own(tmp_path: Path) -> None:
+    """Not beside the one that links to it; and a percent sign in a name is written twice."""
+    (tmp_path / "run").mkdir()
+    one(tmp_path / "run" / "100%.h5", NOISE)
+    virtual(tmp_path / "run" / "v.h5", "100%%.h5")
+    master = written(tmp_path / "m.h5", lambda file: file.__setitem__("v", h5py.ExternalLink("run/v.h5", "/data")))
+    volume = open_volume(str(master))
+    assert not volume.describe().warnings
+    assert np.array_equal(volume.read(volume.describe().geometry.box), NOISE[:1])
 
 
 def test_what_some_lost_files_held_is_told(tmp_path: Path) -> None:
