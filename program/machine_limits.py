@@ -1,6 +1,7 @@
 """What this process may take of its machine: its control groups, of a container or a batch job, may leave it less."""
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,7 @@ MEMINFO = Path("/proc/meminfo")
 MOUNTED = Path("/sys/fs/cgroup")
 OWN = Path("/proc/self/cgroup")
 UNLIMITED = 1 << 62
+_NUMBER_OF = re.compile(r"^(\w+) (\d+)$", re.MULTILINE)  # in memory.stat
 
 
 class _MemoryFiles(NamedTuple):
@@ -48,7 +50,7 @@ def core_limit() -> int:
 
 def _groups(controller: str) -> Iterator[Path]:
     """Their folders, the innermost first. A container may see its own group alone, as the outermost."""
-    for line in (_text(OWN) or "").splitlines():
+    for line in _text(OWN).splitlines():
         _, controllers, path = line.split(":", 2)
         if not controllers or controller in controllers.split(","):  # version 2 has one tree for all
             mounted = MOUNTED / controller if controllers else MOUNTED
@@ -59,23 +61,21 @@ def _groups(controller: str) -> Iterator[Path]:
 def _memory_left(group: Path) -> int:
     for files in MEMORY_FILES:
         limit, used, stat = (_text(group / name) for name in (files.limit, files.used, "memory.stat"))
-        if limit and used and stat and limit != "max":
-            known = dict(line.split() for line in stat.splitlines())
+        if limit.isdecimal() and used.isdecimal():
+            known = dict(_NUMBER_OF.findall(stat))
             return max(int(limit) - int(used) + sum(int(known.get(name, 0)) for name in files.dropped), 0)
     return UNLIMITED
 
 
 def _core_limit(group: Path) -> int:
-    if (both := _text(group / "cpu.max")) is not None:
-        quota, period = both.split()
-    else:
-        quota, period = (_text(group / f"cpu.cfs_{name}_us") or "max" for name in ("quota", "period"))
-    return UNLIMITED if quota in ("max", "-1") else max(-(-int(quota) // int(period)), 1)
+    told = _text(group / "cpu.max") or " ".join(_text(group / f"cpu.cfs_{name}_us") for name in ("quota", "period"))
+    quota = re.fullmatch(r"(\d+) ([1-9]\d*)", told)  # else there is none
+    return max(-(-int(quota[1]) // int(quota[2])), 1) if quota else UNLIMITED
 
 
-def _text(path: Path) -> str | None:
-    """None where there is no such file: no Linux, another version, or a group of which this process sees nothing."""
+def _text(path: Path) -> str:
+    """Empty if there is no such file: no Linux, another version, or a group of which this process sees nothing."""
     try:
         return path.read_text(encoding="utf-8").strip()
     except OSError:
-        return None
+        return ""

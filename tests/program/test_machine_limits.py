@@ -84,3 +84,10 @@ def test_version_1_is_understood(groups: Groups) -> None:
     assert core_limit() == UNLIMITED
     groups.say("cpu", cpu__cfs_quota_us="300000", cpu__cfs_period_us="100000")
     assert core_limit() == 3
+
+
+@pytest.mark.parametrize("files", [{"memory__stat": "", "cpu__max": ""}, {"memory__stat": "odd", "cpu__max": "max"}])
+def test_what_a_system_leaves_out_is_done_without(groups: Groups, files: dict[str, str]) -> None:
+    groups.be_in("0::/")
+    groups.say("", memory__max=str(100 * MIB), memory__current=str(70 * MIB), **files)
+    assert memory_left() == 30 * MIB and core_limit() == UNLIMITED
