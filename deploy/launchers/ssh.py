@@ -20,9 +20,13 @@ BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # no
 _BEGUN = "volsplat-begins"
 _BEGINS = f"printf '\\n{_BEGUN}\\n'; printf '\\n{_BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
-# What ssh says of an sshd that hangs up before anybody has logged in: one that many dial at once, as all machines of a
-# cluster do by one jump host, turns some away at random (MaxStartups).
+# What ssh says, alone, of an sshd that hangs up before anybody has logged in: one that many dial at once, as all
+# machines of a cluster do by one jump host, turns some away at random (MaxStartups).
 TURNED_AWAY = "kex_exchange_identification"
+# What it says as well if a jump host is not reached, or lets nobody in: that is no chance.
+FOR_GOOD = re.compile(
+    "Permission denied|verification failed|Could not resolve|Connection refused|timed out|unreachable|No route"
+)
 TRIES = 5
 FIRST_PAUSE_SECONDS = 1.0  # at most; twice as long after each try, and never the same for two machines
 NO_SSH = "ssh is not installed here; install OpenSSH's client"
@@ -82,11 +86,18 @@ def _tried(machine: Machine, script: str, given: str) -> "subprocess.CompletedPr
     pause = FIRST_PAUSE_SECONDS
     for _ in range(TRIES - 1):
         ran = _ran(machine, script, given)
-        if ran.returncode != NOT_REACHED or TURNED_AWAY not in ran.stderr:
+        if not _was_turned_away(ran):
             return ran
         time.sleep(random.uniform(pause / 2, pause))
         pause *= 2
     return _ran(machine, script, given)
+
+
+def _was_turned_away(ran: "subprocess.CompletedProcess[str]") -> bool:
+    """By chance, and before the script began."""
+    began = _BEGUN in ran.stdout or _BEGUN in ran.stderr
+    failed = ran.returncode == NOT_REACHED and not began
+    return failed and TURNED_AWAY in ran.stderr and not FOR_GOOD.search(ran.stderr)
 
 
 def _ran(machine: Machine, script: str, given: str) -> "subprocess.CompletedProcess[str]":

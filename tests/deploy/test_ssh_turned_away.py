@@ -50,7 +50,21 @@ def test_who_is_never_let_in_says_why(tries: Path) -> None:
     assert tries.read_text(encoding="utf-8").count("try") == ssh.TRIES
 
 
-def test_other_failures_are_told_at_once(tries: Path) -> None:
-    with pytest.raises(BadInput, match="^node: Permission denied"):
-        run(tries, "Permission denied (publickey).")
+BY_A_JUMP_HOST = "; kex_exchange_identification: Connection closed by remote host"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "Permission denied (publickey).",
+        f"jump: Permission denied (publickey).{BY_A_JUMP_HOST}",
+        f"Host key verification failed.{BY_A_JUMP_HOST}",
+        f"ssh: Could not resolve hostname jump: Name or service not known{BY_A_JUMP_HOST}",
+        f"ssh: connect to host jump port 22: Connection refused{BY_A_JUMP_HOST}",
+        f"volsplat-begins; {TURNED_AWAY}",
+    ],
+)
+def test_other_failures_are_told_at_once(tries: Path, words: str) -> None:
+    with pytest.raises(BadInput, match="^node: "):
+        run(tries, words)
     assert tries.read_text(encoding="utf-8").count("try") == 1
