@@ -192,7 +192,7 @@ class Coordinator:
         self.holding.assignments.may_move = True
         if servers.joined[server].role is not Role.SPLAT_SERVER:
             return []
-        servers.splat_servers = [*servers.splat_servers, server]
+        servers.draw_with(server)
         return [*self.routes.invite(boxes), *self.routes.connect(boxes)]
 
     @takes(ServerLost)

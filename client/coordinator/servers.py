@@ -18,7 +18,7 @@ class Servers:
         self.machines: dict[int, MachineDescribed] = {}  # of those of them that have told
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
-        self._unlinked: set[str] = set()  # processes that a splat server could not be reached from
+        self._unlinked: set[str] = set()  # processes that no splat server could be reached from
         self._handing_over: list[int] = []  # lost servers whose parts were handed over last
         self._boxes: dict[int, list[Box]] = {}  # what was noted last of who holds what
         self.leaving: list[int] = []  # those that were told to end, and are still there
@@ -77,8 +77,13 @@ class Servers:
         return [n for n in idle if self.joined[n].process not in self._unlinked or not self.chosen]
 
     def note_unlinked(self, server: int) -> None:
-        """It cannot link to a splat server."""
+        """It cannot link to any splat server."""
         self._unlinked.add(self.joined[server].process)
+
+    def draw_with(self, splat_server: int) -> None:
+        """There is one more, to which all may link."""
+        self.splat_servers = [*self.splat_servers, splat_server]
+        self._unlinked.clear()
 
     @property
     def chosen(self) -> list[int]:

@@ -282,6 +282,22 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_a
     assert isinstance(failed, FailSession) and str(failed.error) == "cannot reach the splat server"
 
 
+def test_a_worker_that_could_not_link_may_try_another_splat_server() -> None:
+    """It may have been the one before that was frozen."""
+    coordinator = CheckedCoordinator()
+    first, second = (replace(one, process=f"process {one.server}") for one in JOINED if one.server != SPLAT)
+    for event in [*joins(JOINED[0], first, second), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
+        coordinator.handle(event)
+    coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", peer_lost=True)))
+    again, splat = replace(first, server=20), replace(JOINED[0], server=21)
+    for event in joins(again):
+        coordinator.handle(event)
+    assert coordinator.servers.idle() == []
+    for event in joins(splat):
+        coordinator.handle(event)
+    assert coordinator.servers.idle() == [again.server]
+
+
 def test_a_worker_that_could_not_link_gets_a_part_again_only_if_no_other_is_left() -> None:
     coordinator = CheckedCoordinator()
     first, second = (replace(one, process=f"process {one.server}") for one in JOINED if one.server != SPLAT)
