@@ -39,8 +39,8 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     files_beside,
     links_out,
     lost_links,
-    missing_beside,
     refuse_outside,
+    sources_without,
 )
 from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
@@ -91,7 +91,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             _picks(path, name),
             density_name=text_attribute(attributes, "long_name") or name.rpartition("/")[2],
             value_unit=text_attribute(attributes, "units"),
-            warnings=[*_told_missing(dataset), *(one.warning for one in coordinates)],
+            warnings=[*_told_missing(h5py, dataset), *(one.warning for one in coordinates)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
             parts=parts,
@@ -240,16 +240,16 @@ def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
             check_is_file(beside)
 
 
-def _told_missing(dataset: Any) -> list[str]:
-    """Of files with its voxels that are not there. Raises BadInput if none is."""
-    missing = missing_beside(dataset)
+def _told_missing(h5py: ModuleType, dataset: Any) -> list[str]:
+    """Of files that should hold its voxels, and are not there or do not. Raises BadInput if none does."""
+    missing = sources_without(h5py, dataset)
     if not missing:
         return []
     every = len(set(files_beside(dataset)))
     if len(missing) == every:
-        own = dataset.file.filename
-        raise BadInput(f"{own}: has its voxels in files that are not there ({listed(missing)}); put them beside it")
-    told = f"{len(missing)} of {every} files with its voxels are not there ({listed(missing)})"
+        own, files = dataset.file.filename, listed(missing)
+        raise BadInput(f"{own}: its voxels are in files that are not there, or lack them: {files}; put them beside it")
+    told = f"{len(missing)} of {every} files with its voxels are not there, or lack them ({listed(missing)})"
     return [f"{told}: {dataset.fillvalue} is shown instead"]
 
 

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -22,20 +23,33 @@ def files_beside(dataset: Any) -> list[str]:
     return [*virtual, *(name for name, _, _ in dataset.external or ())]
 
 
-def missing_beside(dataset: Any) -> list[str]:
-    """Those files of a virtual dataset that are not where HDF5 looks for them, which then gives its fill value instead.
+def sources_without(h5py: ModuleType, dataset: Any) -> list[str]:
+    """Those files of a virtual dataset that do not hold what it takes from them; HDF5 gives its fill value instead.
 
-    Names of files without end, numbered by %b, are left to HDF5.
+    They are not where HDF5 looks for them, are no HDF5 files, or lack a dataset. Names without end, numbered by %b, are
+    left to HDF5.
     """
     if not dataset.is_virtual or PREFIX in os.environ:
         return []
-    own, names = Path(dataset.file.filename), dict.fromkeys(files_beside(dataset))
-    stated = {name: name.replace("%%", "%") for name in names if name != SAME_FILE and not _is_numbered(name)}
-    return [name for name in stated.values() if _found(own, name) is None]
+    taken: defaultdict[str, set[str]] = defaultdict(set)  # by file
+    for source in dataset.virtual_sources():
+        if not any("%b" in name.replace("%%", "") for name in (source.file_name, source.dset_name)):
+            taken[source.file_name.replace("%%", "%")].add(source.dset_name.replace("%%", "%"))
+    return [name for name, paths in taken.items() if not _holds(h5py, Path(dataset.file.filename), name, paths)]
 
 
-def _is_numbered(name: str) -> bool:
-    return "%b" in name.replace("%%", "")
+def _holds(h5py: ModuleType, own: Path, name: str, paths: set[str]) -> bool:
+    """Whether a file that another one names has something at all of these paths."""
+    place = own if name == SAME_FILE else _found(own, name)
+    if place is None or not h5py.is_hdf5(place):
+        return False
+    try:
+        with h5py.File(place, "r", locking="best-effort") as file:
+            for path in paths:
+                check_way(h5py, file, path)
+            return all(path in file for path in paths)
+    except OSError:  # it is cut short
+        return False
 
 
 def _found(own: Path, name: str) -> Path | None:

@@ -344,7 +344,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "voxels that are elsewhere": (
         lambda p: virtual(p, "gone.h5"),
         "",
-        "has its voxels in files that are not there (gone.h5)",
+        "are not there, or lack them: gone.h5; put",
     ),
     "an unknown filter": (
         of_another_filter,
@@ -408,10 +408,33 @@ def test_a_virtual_dataset_has_its_files_beside_its_own(tmp_path: Path) -> None:
     assert np.array_equal(volume.read(volume.describe().geometry.box), NOISE[:1])
 
 
+def of_another_kind(path: Path) -> None:
+    path.write_bytes(b"no HDF5 at all")
+
+
+def without_the_dataset(path: Path) -> None:
+    written(path, lambda file: file.create_dataset("entry/other", data=NOISE))
+
+
+def cut_short(path: Path) -> None:
+    one(path, NOISE)
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+@pytest.mark.parametrize("make", [of_another_kind, without_the_dataset, cut_short])
+def test_files_that_are_there_and_lack_the_voxels_are_told(make: Callable[[Path], None], tmp_path: Path) -> None:
+    one(tmp_path / "here.h5", NOISE)
+    make(tmp_path / "odd.h5")
+    with pytest.raises(BadInput, match=r"its voxels are in files that are not there, or lack them: odd.h5"):
+        open_volume(str(virtual(tmp_path / "v.h5", "odd.h5")))
+    told = open_volume(str(virtual(tmp_path / "w.h5", "odd.h5", "here.h5"))).describe().warnings
+    assert told == ("1 of 2 files with its voxels are not there, or lack them (odd.h5): 0 is shown instead",)
+
+
 def test_what_some_lost_files_held_is_told(tmp_path: Path) -> None:
     one(tmp_path / "here.h5", NOISE)
     volume = open_volume(str(virtual(tmp_path / "v.h5", "here.h5", "gone.h5", "here.h5")))
-    assert "1 of 2 files with its voxels are not there (gone.h5)" in volume.describe().warnings[0]
+    assert "1 of 2 files with its voxels are not there, or lack them (gone.h5)" in volume.describe().warnings[0]
     sheets = volume.read(volume.describe().geometry.box)
     assert np.array_equal(sheets[0], NOISE[0]) and not sheets[1].any()
 
