@@ -421,6 +421,14 @@ def cut_short(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
 
 
+def test_a_link_into_a_file_that_is_cut_short_hides_no_other_dataset(tmp_path: Path) -> None:
+    cut_short(tmp_path / "cut.h5")
+    master = one(tmp_path / "master.h5", NOISE)
+    with h5py.File(master, "r+") as file:
+        file["cut"] = h5py.ExternalLink("cut.h5", "/entry/data")
+    assert np.array_equal(read_whole(str(master)), NOISE)
+
+
 @pytest.mark.parametrize("make", [of_another_kind, without_the_dataset, cut_short])
 def test_files_that_are_there_and_lack_the_voxels_are_told(make: Callable[[Path], None], tmp_path: Path) -> None:
     one(tmp_path / "here.h5", NOISE)
