@@ -35,6 +35,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image
 from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     MOST_OBJECTS,
     behind,
+    check_files_beside,
     check_way,
     files_beside,
     links_out,
@@ -44,7 +45,6 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
 )
 from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
-from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, no_room
@@ -227,17 +227,9 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
             )
     if dataset.chunks:
         check_promise(part.whole, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
-    _check_files_beside(part, dataset)
+    check_files_beside(dataset)
     if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
-
-
-def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
-    """Raises BadInput if a file that holds its voxels is a FIFO, which HDF5 would wait for."""
-    for name in files_beside(dataset):
-        beside = Path(dataset.file.filename).parent / name
-        if beside.exists():
-            check_is_file(beside)
 
 
 def _told_missing(h5py: ModuleType, dataset: Any) -> list[str]:

@@ -20,8 +20,20 @@ MOST_HOPS = 16  # from link to link, as HDF5 has it
 
 def files_beside(dataset: Any) -> list[str]:
     """The names of the files that hold its values; none where these lie in its own."""
-    virtual = [source.file_name for source in dataset.virtual_sources()] if dataset.is_virtual else []
+    virtual = [_meant(source.file_name) for source in dataset.virtual_sources()] if dataset.is_virtual else []
     return [*virtual, *(name for name, _, _ in dataset.external or ())]
+
+
+def _meant(name: str) -> str:
+    """A virtual dataset writes a percent sign twice."""
+    return name.replace("%%", "%")
+
+
+def check_files_beside(dataset: Any) -> None:
+    """Raises BadInput if a file that holds its voxels is a FIFO, which HDF5 would wait for."""
+    for name in files_beside(dataset):
+        if (place := _found(Path(dataset.file.filename), name)) is not None:
+            check_is_file(place)
 
 
 def sources_without(h5py: ModuleType, dataset: Any) -> list[str]:
@@ -35,7 +47,7 @@ def sources_without(h5py: ModuleType, dataset: Any) -> list[str]:
     taken: defaultdict[str, set[str]] = defaultdict(set)  # by file
     for source in dataset.virtual_sources():
         if not any("%b" in name.replace("%%", "") for name in (source.file_name, source.dset_name)):
-            taken[source.file_name.replace("%%", "%")].add(source.dset_name.replace("%%", "%"))
+            taken[_meant(source.file_name)].add(_meant(source.dset_name))
     return [name for name, paths in taken.items() if not _holds(h5py, Path(dataset.file.filename), name, paths)]
 
 
