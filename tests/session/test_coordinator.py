@@ -282,13 +282,20 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_a
     assert isinstance(failed, FailSession) and str(failed.error) == "cannot reach the splat server"
 
 
-def test_a_worker_that_could_not_link_may_try_another_splat_server() -> None:
-    """It may have been the one before that was frozen."""
+def unlinked() -> tuple[CheckedCoordinator, ServerJoined]:
+    """The first worker, of a process of its own, could not link, and is lost; the second one holds all."""
     coordinator = CheckedCoordinator()
     first, second = (replace(one, process=f"process {one.server}") for one in JOINED if one.server != SPLAT)
+    assert (first.server, second.server) == (FIRST, SECOND)
     for event in [*joins(JOINED[0], first, second), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
         coordinator.handle(event)
     coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", peer_lost=True)))
+    return coordinator, first
+
+
+def test_a_worker_that_could_not_link_may_try_another_splat_server() -> None:
+    """It may have been the one before that was frozen."""
+    coordinator, first = unlinked()
     again, splat = replace(first, server=20), replace(JOINED[0], server=21)
     for event in joins(again):
         coordinator.handle(event)
@@ -299,12 +306,7 @@ def test_a_worker_that_could_not_link_may_try_another_splat_server() -> None:
 
 
 def test_a_worker_that_could_not_link_gets_a_part_again_only_if_no_other_is_left() -> None:
-    coordinator = CheckedCoordinator()
-    first, second = (replace(one, process=f"process {one.server}") for one in JOINED if one.server != SPLAT)
-    assert (first.server, second.server) == (FIRST, SECOND)
-    for event in [*joins(JOINED[0], first, second), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
-        coordinator.handle(event)
-    coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", peer_lost=True)))
+    coordinator, first = unlinked()
     again, other = (replace(first, server=number) for number in (20, 21))
     for event in joins(again, replace(other, process="another one there")):
         coordinator.handle(event)
