@@ -26,7 +26,7 @@ from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session import cluster_servers
+from volsplat.client.session import cluster_watch
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
@@ -421,7 +421,7 @@ def test_lines_to_type_by_hand_start_servers_that_join(person: Person) -> None:
 
 
 def test_who_is_missing_is_named_with_the_reason(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_servers, "MISSING_SECONDS", 1.0)
+    monkeypatch.setattr(cluster_watch, "MISSING_SECONDS", 1.0)
     waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
     path = cluster_file(person.folder, "nobody", waits)
     assert person.runs("deploy", "up", str(path)).returncode == 0
@@ -439,7 +439,7 @@ def both_kinds_and(ssh: str) -> tuple[str, str]:
 def test_the_others_draw_without_a_machine_that_nothing_is_heard_of(
     person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_servers, "UNHEARD_SECONDS", 0.1)
+    monkeypatch.setattr(cluster_watch, "UNHEARD_SECONDS", 0.1)
     with sshd(tmp_path / "gone") as ssh:
         path = cluster_file(person.folder, f"gone-{os.getpid()}", *both_kinds_and(ssh))
         assert person.runs("deploy", "up", str(path)).returncode == 0
@@ -457,7 +457,7 @@ def test_the_others_draw_without_a_machine_that_nothing_is_heard_of(
 def test_the_others_draw_without_a_server_that_runs_and_does_not_dial(
     person: Person, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_servers, "JOINING_SECONDS", 0.1)
+    monkeypatch.setattr(cluster_watch, "JOINING_SECONDS", 0.1)
     path = cluster_file(person.folder, f"frozen-{os.getpid()}", f"{LOCAL}map-shade-servers = 2\nsplat-servers = 1\n")
     assert person.runs("deploy", "up", str(path)).returncode == 0
     frozen = next(one for one in servers_of(person) if is_server(one, "mapshade_server"))
@@ -479,7 +479,7 @@ def test_the_others_draw_without_a_server_that_runs_and_does_not_dial(
 def test_the_others_draw_without_a_server_that_ends_each_time_that_it_is_started(
     person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_servers, "LOOK_SECONDS", 0.1)
+    monkeypatch.setattr(cluster_watch, "LOOK_SECONDS", 0.1)
     command = tmp_path / "volsplat"
     command.write_text("#!/bin/sh\necho no libraries here\n", encoding="utf-8")
     command.chmod(0o755)

@@ -18,9 +18,8 @@ from support.programs.programs import VOLSPLAT, Person
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session import cluster_servers
-from volsplat.client.session.cluster_servers import ClusterServers
-from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session import cluster_watch
+from volsplat.client.session.cluster_watch import ClusterWatch
 from volsplat.deploy.cluster_file import LauncherName
 from volsplat.deploy.launchers.table import LAUNCHERS
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
@@ -107,20 +106,20 @@ def test_their_commands_draw_as_a_single_process(person: Person, cluster: Path) 
 def test_pods_that_come_one_after_another_are_waited_for(
     person: Person, cluster: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster_servers, "UNHEARD_SECONDS", 0.0)
-    monkeypatch.setattr(cluster_servers, "LOOK_SECONDS", 0.05)
+    monkeypatch.setattr(cluster_watch, "UNHEARD_SECONDS", 0.0)
+    monkeypatch.setattr(cluster_watch, "LOOK_SECONDS", 0.05)
     items = manifests(person, cluster)
     (secret,) = [item for item in items if item["kind"] == "Secret"]
     environment = {**os.environ, TOKEN_VARIABLE: secret["stringData"]["token"]}
     *first, last = (container["command"] for container in containers(items))
     looks = list[list[str]]()
-    looked = ClusterServers._missing
+    looked = ClusterWatch._missing
 
-    def noted(self: ClusterServers, links: ServerLinks) -> list[str]:
-        looks.append(looked(self, links))
+    def noted(self: ClusterWatch) -> list[str]:
+        looks.append(looked(self))
         return looks[-1]
 
-    monkeypatch.setattr(ClusterServers, "_missing", noted)
+    monkeypatch.setattr(ClusterWatch, "_missing", noted)
     said = list[str]()
     with (
         ExitStack() as ended,

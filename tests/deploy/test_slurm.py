@@ -14,8 +14,7 @@ from support.programs.programs import VOLSPLAT, Person
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session import cluster_servers
-from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session import cluster_watch
 
 WHY_NOT = why_no_slurm()
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
@@ -130,14 +129,14 @@ def test_servers_that_dial_in_are_known_by_their_names(
     assert person.runs("deploy", "up", str(cluster)).returncode == 0
     with Session(person.folder / "head.nrrd", cluster=cluster) as session:
         scene = session.default_scene()  # all have joined
-        monkeypatch.setattr(cluster_servers, "LOOK_SECONDS", 0.05)
-        looked, answers = cluster_servers.ClusterServers._missing, list[list[str]]()
+        monkeypatch.setattr(cluster_watch, "LOOK_SECONDS", 0.05)
+        looked, answers = cluster_watch.ClusterWatch._missing, list[list[str]]()
 
-        def noted(self: cluster_servers.ClusterServers, links: ServerLinks) -> list[str]:
-            answers.append(looked(self, links))
+        def noted(self: cluster_watch.ClusterWatch) -> list[str]:
+            answers.append(looked(self))
             return answers[-1]
 
-        monkeypatch.setattr(cluster_servers.ClusterServers, "_missing", noted)
+        monkeypatch.setattr(cluster_watch.ClusterWatch, "_missing", noted)
         wait_until(lambda: len(answers) > 1, "looked after")
         assert not any(answers)
         session.finish(scene)
