@@ -56,8 +56,8 @@ class ClusterCalls:
                 self._closed.wait(PAUSE_SECONDS)
                 continue
             self._reasons.forget(name)
-            self._is_our_turn.set()
-            self._links.serve(connection)
+            # One that two clients dial at the same moment lets both in, and hangs up on one without a word.
+            self._links.serve(connection, self._is_our_turn.set)
 
     def _failed(self, error: VolsplatError) -> None:
         """Of a try to dial: only that of the first server counts, since others are dialled once it is our turn."""

@@ -203,8 +203,8 @@ class ServerLinks:
         self._listener.lines.warn(f"{connection} is dropped: {cause}")
         connection.close()
 
-    def serve(self, connection: Connection) -> None:
-        """Take part in the session until this server is lost."""
+    def serve(self, connection: Connection, heard: Callable[[], None] = lambda: None) -> None:
+        """Take part in the session until this server is lost. `heard` is called whenever it has said something."""
         peer = self._peers[connection.peer.id] = connection.peer
         try:
             outgoing = Outgoing(
@@ -239,7 +239,7 @@ class ServerLinks:
         if self._tracer is not None:
             self._tracer.joined(peer.id, str(peer), outgoing.post)
         self._heartbeat.keep(connection, lambda: self._heartbeat.silence)
-        cause = self._heard_until_lost(connection)
+        cause = self._heard_until_lost(connection, heard)
         if peer.id not in self._leaving:  # who leaves ends by itself
             self._local.end(peer.name)
         with self._lock:
@@ -257,12 +257,13 @@ class ServerLinks:
     def _log(self, event: str, line: str, peer: Peer) -> None:
         log.info("%s", line, extra={"event": event, "session": self.session, "server": peer.id})
 
-    def _heard_until_lost(self, connection: Connection) -> str:
+    def _heard_until_lost(self, connection: Connection, heard: Callable[[], None]) -> str:
         """Make events of all that a server says; returns why it says no more."""
         peer = connection.peer
         try:
             while (received := connection.receive()) is not None:
                 at = time.perf_counter()
+                heard()
                 message, payload = received
                 if self._tracer is not None and self._tracer.take(peer.id, message, at):
                     continue

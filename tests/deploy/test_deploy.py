@@ -9,7 +9,7 @@ import sys
 import threading
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import msgspec
@@ -30,12 +30,15 @@ from volsplat.client.session import cluster_watch
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
+from volsplat.protocol.messages.messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.waiting import WaitingPort
 
 __all__ = ["small_disk"]
 
@@ -170,7 +173,10 @@ def test_a_client_dials_one_server_first_so_that_no_two_clients_wait_for_each_ot
 
         def taken(address: str) -> Connection:
             place = parse_address(address)
-            return call(place, "it", accepter, patience=PATIENCE, report=print, given_up=lambda: False)
+            connection = call(place, "it", accepter, patience=PATIENCE, report=print, given_up=lambda: False)
+            connection.send(DescribeMachine())
+            assert connection.receive() is not None  # one that has let in two hangs up on one of them
+            return connection
 
         held = taken(first)
         taken(second).close()
@@ -181,6 +187,29 @@ def test_a_client_dials_one_server_first_so_that_no_two_clients_wait_for_each_ot
             assert session.finish(session.default_scene()).complete
     finally:
         assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def test_a_server_that_lets_a_client_in_and_hangs_up_without_a_word_decides_nothing(person: Person) -> None:
+    """As one does that two clients dial at the same moment."""
+    waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
+    path = cluster_file(person.folder, "same-moment", waits)
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    running, hello = RunningCluster(path), new_hello(Role.MAPSHADE_SERVER)
+    state = running.state()
+    assert state is not None
+    addresses = map(parse_address, sorted(one.wait_at for one in state.servers))
+    first, second = (WaitingPort(Role.MAPSHADE_SERVER, address, running.token) for address in addresses)
+    with closing(first), closing(second), Session(person.folder / "head.nrrd", cluster=path):
+        for _ in range(2):
+            first.next_client(hello, PATIENCE).close()
+        with pytest.raises(PeerLost, match="no client"):
+            second.next_client(hello, 0.5)
+        with first.next_client(hello, PATIENCE) as client:
+            while not ((asked := client.receive()) and isinstance(asked.message, DescribeMachine)):
+                assert asked is not None
+            client.send(MachineDescribed(memory_bytes=1, threads=1))
+            second.next_client(hello, PATIENCE).close()
+    person.runs("deploy", "down", str(path))
 
 
 def test_a_client_that_is_killed_leaves_servers_for_the_next_one(person: Person, cluster: Path) -> None:
