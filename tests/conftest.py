@@ -5,6 +5,7 @@ import signal
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
@@ -18,6 +19,8 @@ from support.thoroughness import PROFILE, examples
 from volsplat.program.many_imports import many_imports
 
 __all__ = ["chromium"]
+
+WORKER_BYTES = 3 << 29  # what one that runs tests takes at the most, with its programs
 
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -50,11 +53,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int | None:
-    """Half as many again as there are cores: two of three workers work while the third waits for a process to end."""
+    """Twice as many as there are cores, where memory suffices: half of them wait for a process, a line or a clock."""
     if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
         return None
-    cores = len(os.sched_getaffinity(0))
-    return cores + (cores + 1) // 2
+    room = psutil.virtual_memory().available // WORKER_BYTES
+    return int(max(1, min(2 * len(os.sched_getaffinity(0)), room)))
 
 
 @pytest.hookimpl(wrapper=True)

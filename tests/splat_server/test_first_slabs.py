@@ -18,7 +18,7 @@ from volsplat.protocol.rules.regions import Rectangle
 __all__ = ["head"]
 
 WHY_NOT = why_no_lab()
-SLOW = 2.5e5  # bits a second: the coded voxels take seconds, within which even a busy machine looks at the image
+SLOW = 1e6  # bits a second: voxels and image take seconds, within which even a busy machine looks at it
 
 EMPTY, DOT = (PublishedImage.of(torch.full((2, 3, 4), alpha).numpy()) for alpha in (0.0, 0.1))
 
