@@ -74,6 +74,11 @@ MARKED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "pickle": (lambda d: pickled(d / "a.pkl"), "a Python pickle"),
     "web page": (lambda d: holding(d / "a.nii", b"<!doctype HTML><p>404"), "is a web page, likely of a download"),
     "LFS": (lambda d: holding(d / "a.mha", b"version https://git-lfs.github.com/spec/v1\n"), "git lfs pull"),
+    "damaged gzip": (
+        lambda d: holding(d / "a.gz", b"\x1f\x8b\x08 no"),
+        "is a gzip that is damaged, which is not read; fetch",
+    ),
+    "N5": (lambda d: holding(d / "attributes.json", b"{}").parent, "is an N5 container, which is not read; save"),
     "bytes": (lambda d: holding(d / "a.dat", b"\1\2\3\xff" * 9), "it begins with 01 02 03 ff 01 02 03 ff; raw voxels"),
 }
 

@@ -12,7 +12,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_file import (
     recognises_old,
 )
 from volsplat.mapshade_server.readers.reading.extra import library
-from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of_folder
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
@@ -28,6 +28,8 @@ def images_of(folder: Path) -> list[DicomFile]:
             check_is_file(path)
     files = list(_images(folder)) or _listed(folder) or list(_further_down(folder))
     if not files:
+        if (mark := mark_of_folder(folder)) is not None:
+            raise BadInput(f"{folder}: is {mark.what}, which is not read; {mark.cure}")
         raise BadInput(
             f"{folder}: a folder without DICOM images, and none within {DEEPEST} folders further down; give a volume "
             "file or the folder of a DICOM series"

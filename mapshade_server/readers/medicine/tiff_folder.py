@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from volsplat.mapshade_server.readers.medicine.slice_files import slices_in
-from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage
+from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage, check_kind
 from volsplat.mapshade_server.readers.medicine.tiff_place import stated_place
 from volsplat.mapshade_server.readers.medicine.tiff_stack import Chosen, opened_tiff, stack_of
-from volsplat.mapshade_server.readers.reading.grids import refuse_vectors
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.slice_folders import TIFFS, slice_kind, visible_files
 from volsplat.protocol.text.errors import BadInput
@@ -41,8 +40,7 @@ def _only_page(folder: Path, path: Path, file: Any) -> TiffPage:
     if len(file.pages) > 1:
         raise BadInput(f"{path}: has {len(file.pages)} pages among single slices; give this file, or slices alone")
     page = file.pages[0]
-    if page.samplesperpixel != 1:
-        refuse_vectors(path, f"{page.samplesperpixel} samples a pixel")
+    check_kind(path, page)
     return TiffPage(path, 0, tuple(page.dataoffsets), tuple(page.databytecounts), page)
 
 

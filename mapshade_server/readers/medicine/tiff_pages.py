@@ -25,6 +25,7 @@ from volsplat.mapshade_server.readers.reading.bounded_unpacking import (
 )
 from volsplat.mapshade_server.readers.reading.codestream_size import check_codestream, codestream_size
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.grids import refuse_vectors
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
@@ -55,6 +56,14 @@ def tifffile() -> ModuleType:
     module = library("tifffile", "TIFF")
     logging.getLogger("tifffile").addHandler(logging.NullHandler())
     return module
+
+
+def check_kind(path: Path, packing: Any) -> None:
+    """Raises BadInput for pages, packed as tifffile's page says, that are no slices of single values."""
+    if packing.samplesperpixel != 1:
+        refuse_vectors(path, f"{packing.samplesperpixel} samples a pixel")
+    if packing.imagedepth != 1:
+        raise BadInput(f"{path}: has pages of several slices each; save one slice a page")
 
 
 @dataclass(frozen=True)

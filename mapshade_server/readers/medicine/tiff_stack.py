@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMetadata, ome_metadata
-from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, tifffile
+from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, check_kind, tifffile
 from volsplat.mapshade_server.readers.medicine.tiff_place import Place, placed, stated_place
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
@@ -69,8 +69,7 @@ def _stack(path: Path, part: str, file: Any) -> OpenedVolume:
     number = _series_number(path, said, every)
     series = every[number]
     packing = series.keyframe
-    if packing.samplesperpixel != 1:
-        refuse_vectors(path, f"{packing.samplesperpixel} samples a pixel")
+    check_kind(path, packing)
     image = ome.of(number, series.name, (packing.imagewidth, packing.imagelength))
     chosen = _chosen(path, said, series, image)
     pages = [_page(path, series, n, image) for n in chosen.pages]
@@ -207,8 +206,6 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
     packing = pages[0].packing
     dims = (packing.imagewidth, packing.imagelength, len(pages))
     refuse_other_dimensions(path, dims if len(pages) > 1 else dims[:2])
-    if packing.imagedepth != 1:
-        raise BadInput(f"{path}: has pages of several slices each; save one slice a page")
     if packing.dtype is None or WIDER.get(packing.dtype.name, packing.dtype.name) not in SCALAR_TYPES:
         refuse_vectors(path, f"pixels of type {packing.dtype or 'unknown'}, no plain number")
     sizes = {held: held.stat().st_size for held in {page.path for page in pages}}

@@ -24,6 +24,14 @@ class Mark(NamedTuple):
     at: int = 0
 
 
+class FolderMark(NamedTuple):
+    """A file that such folders hold; what they are, and what to do with them."""
+
+    file: str
+    what: str
+    cure: str
+
+
 MARKS = (
     Mark(b"\x89PNG\r\n\x1a\n", "one PNG picture", ONE_PICTURE),
     Mark(b"\xff\xd8\xff", "one JPEG picture", ONE_PICTURE),
@@ -40,6 +48,7 @@ MARKS = (
     Mark(b"\x28\xb5\x2f\xfd", "packed by zstd", UNPACK),
     Mark(b"\x04\x22\x4d\x18", "packed by lz4", UNPACK),
     Mark(b"BZh", "packed by bzip2", UNPACK),
+    Mark(b"\x1f\x8b", "a gzip that is damaged", "fetch it again"),
     Mark(b"ustar", "a tar archive", UNPACK, 257),
     Mark(b"%PDF", "a PDF document", "give the volume itself"),
     Mark(b"<!DOCTYPE html", "a web page, likely of a download that failed", "fetch the volume again"),
@@ -71,6 +80,12 @@ MARKS = (
     Mark(b"BM", "one BMP picture", ONE_PICTURE),
 )
 
+MARKS_OF_FOLDERS = (
+    FolderMark("attributes.json", "an N5 container", "save the volume as Zarr"),
+    FolderMark("info", "Neuroglancer's precomputed volume", "save the volume as Zarr"),
+    FolderMark("acqp", "a Bruker scan", "convert the study to NIfTI or DICOM"),
+)
+
 NO_FILES = (
     (stat.S_ISFIFO, "a FIFO"),
     (stat.S_ISSOCK, "a socket"),
@@ -82,6 +97,11 @@ NO_FILES = (
 def mark_of(head: bytes) -> Mark | None:
     """What a file with these first bytes is, None if they are no mark that is known."""
     return next((one for one in MARKS if head[one.at :][: len(one.mark)].lower() == one.mark.lower()), None)
+
+
+def mark_of_folder(folder: Path) -> FolderMark | None:
+    """What a folder without images is, None if no file in it is known."""
+    return next((one for one in MARKS_OF_FOLDERS if (folder / one.file).is_file()), None)
 
 
 def told_head(head: bytes) -> str:

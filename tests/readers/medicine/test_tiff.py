@@ -320,6 +320,10 @@ NOISE = np.random.default_rng(0).integers(0, 60000, VALUES.shape).astype(np.uint
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "colour": (lambda d: saved(d / "v.tif", np.zeros((5, 6, 7, 3), np.uint8), photometric="rgb"), "3 samples a pixel"),
     "complex": (lambda d: saved(d / "v.tif", np.zeros((5, 6, 7), np.complex64)), "pixels of type complex64"),
+    "tiles of several slices": (
+        lambda d: saved(d / "v.tif", np.zeros((16, 16, 16), np.uint8), volumetric=True, tile=(16, 16, 16)),
+        "pages of several slices each",
+    ),
     "one page": (lambda d: saved(d / "v.tif", VALUES[0]), "a 2-D image"),
     "one page with channels": (
         lambda d: (ome(d / "v.ome.tif", (2, 6, 7), "CYX"), d / "v.ome.tif")[1],
