@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import inflated
-from volsplat.mapshade_server.readers.reading.extra import library
 
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # HDF5's numbers of filters
 CHECKSUM_BYTES = 4
@@ -42,7 +42,7 @@ def _filters(dataset: Any) -> list[int]:
 
 
 def _is_stored_plainly(dataset: Any) -> bool:
-    h5t = library("h5py", "HDF5").h5t
+    h5t = h5py().h5t
     kind = dataset.dtype
     return bool(kind.kind in "iuf" and dataset.id.get_type().equal(h5t.py_create(kind)))
 

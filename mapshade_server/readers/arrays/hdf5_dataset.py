@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,7 @@ from volsplat.mapshade_server.readers.arrays.array_volume import (
 )
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
+from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     MOST_OBJECTS,
@@ -43,7 +43,6 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     refuse_outside,
     sources_without,
 )
-from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
@@ -70,17 +69,17 @@ def recognises(head: bytes) -> bool:
 
 def open_hdf5(path: Path, part: str) -> OpenedVolume:
     """The reader for a dataset. Raises BadInput if none is a volume, or the person must choose one."""
-    chosen, h5py = array_part(path, part), _h5py()
-    with _opened(h5py, path) as file:
-        refuse_outside(h5py, path)
-        if (image := image_in(h5py, chosen, file)) is not None:
-            return _image(h5py, chosen, image, file[image.path])
-        name, dataset, parts = _dataset(h5py, chosen, file)
+    chosen = array_part(path, part)
+    with _opened(path) as file:
+        refuse_outside(path)
+        if (image := image_in(chosen, file)) is not None:
+            return _image(chosen, image, file[image.path])
+        name, dataset, parts = _dataset(chosen, file)
         chosen = chosen._replace(path=name)
-        _check_readable(h5py, chosen, dataset)
+        _check_readable(chosen, dataset)
         attributes = _attributes(dataset)
         values = cf_values(chosen.whole, dataset.dtype, {**_never_written(dataset), **attributes})
-        coordinates = _axes(h5py, dataset, attributes)
+        coordinates = _axes(dataset, attributes)
         grid = array_grid(chosen, [one.axis for one in coordinates])
         chunk_items = SIEVE_BYTES // dataset.dtype.itemsize
         return array_volume(
@@ -91,7 +90,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             _picks(path, name),
             density_name=text_attribute(attributes, "long_name") or name.rpartition("/")[2],
             value_unit=text_attribute(attributes, "units"),
-            warnings=[*_told_missing(h5py, dataset), *(one.warning for one in coordinates)],
+            warnings=[*_told_missing(dataset), *(one.warning for one in coordinates)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
             parts=parts,
@@ -102,16 +101,16 @@ def _picks(path: Path, name: str) -> Pick:
     """What reads from a dataset; the file is open only while it is read."""
 
     def pick(selection: tuple[int | slice, ...]) -> NDArray[Any]:
-        with _opened(_h5py(), path) as file:
+        with _opened(path) as file:
             return read_selection(file[name], selection)
 
     return pick
 
 
-def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) -> OpenedVolume:
+def _image(part: ArrayPart, image: Hdf5Image, dataset: Any) -> OpenedVolume:
     """The reader for an image that says its place in its program's way."""
     part = part._replace(path=image.path)
-    _check_readable(h5py, part, dataset)
+    _check_readable(part, dataset)
     values = plain_values(part.whole, dataset.dtype)
     description = VolumeDescription(
         name=Path(part.place).name,
@@ -127,15 +126,11 @@ def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) ->
     return OpenedVolume(description, lambda box: values.of(pick(image.selection(box))), parts=image.parts)
 
 
-def _h5py() -> ModuleType:
-    return extra.library("h5py", "HDF5")
-
-
 @contextmanager
-def _opened(h5py: ModuleType, path: Path) -> Iterator[Any]:
+def _opened(path: Path) -> Iterator[Any]:
     """The open file; what h5py raises within becomes BadInput."""
     try:
-        with h5py.File(path, "r", locking="best-effort") as file:
+        with hdf5_file(path) as file:
             yield file
     except MemoryError:
         raise no_room(path) from None
@@ -152,35 +147,35 @@ def _reason(error: Exception) -> str:
     return f"HDF5 cannot read it ({match[1] if match else text})"
 
 
-def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> tuple[str, Any, list[Part]]:
+def _dataset(part: ArrayPart, file: Any) -> tuple[str, Any, list[Part]]:
     """The dataset that the part names, else the only one with enough axes, or the file's default, with the others.
 
     Its path is that in this file: in another one, to which a link may lead, it has a name of its own.
     """
     if "minc-2.0" in file:
         raise is_minc(part)
-    check_way(h5py, file, part.path)
+    check_way(file, part.path)
     if part.path and part.path not in file:
-        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(h5py, file, ''))))}")
+        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(file, ''))))}")
     root = "/" + part.path.strip("/")
     found = file[root]
-    if isinstance(found, h5py.Dataset):
+    if isinstance(found, h5py().Dataset):
         return root, found, []
-    arrays = _arrays(h5py, found, root.rstrip("/"))
+    arrays = _arrays(found, root.rstrip("/"))
     volumes = {path: array for path, array in arrays.items() if len(array.shape) >= 3 and array.dtype.kind in "biuf"}
     if len(volumes) == 1:
         return *volumes.popitem(), []
     if not volumes:
-        held = listed([*shown(_told(arrays)), *lost_links(h5py, found)])
+        held = listed([*shown(_told(arrays)), *lost_links(found)])
         raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {held}")
-    default = _nexus_default(h5py, found)
+    default = _nexus_default(found)
     for path, array in volumes.items():
         if array == default:
             return path, array, _told(volumes)
     raise choose_one(part, part.whole, _told(volumes))
 
 
-def _arrays(h5py: ModuleType, group: Any, root: str) -> dict[str, Any]:
+def _arrays(group: Any, root: str) -> dict[str, Any]:
     """All datasets in the group at `root` and its groups, each by one path, and those to which links out of it lead."""
     found: dict[Any, str] = {}
     left = MOST_OBJECTS
@@ -188,15 +183,15 @@ def _arrays(h5py: ModuleType, group: Any, root: str) -> dict[str, Any]:
     def look(name: str, one: Any) -> bool | None:
         nonlocal left
         left -= 1
-        if isinstance(one, h5py.Dataset) and one.shape:
+        if isinstance(one, h5py().Dataset) and one.shape:
             found.setdefault(one, f"{root}/{name}")
         return True if left <= 0 else None
 
     group.visititems(look)
-    for name, _ in links_out(h5py, group, MOST_OBJECTS):
-        one = behind(h5py, group, name)
+    for name, _ in links_out(group, MOST_OBJECTS):
+        one = behind(group, name)
         look(name, one)
-        if isinstance(one, h5py.Group):
+        if isinstance(one, h5py().Group):
             one.visititems(lambda inner, it, name=name: look(f"{name}/{inner}", it))
     return {path: one for one, path in found.items()}
 
@@ -205,21 +200,21 @@ def _told(arrays: Mapping[str, Any]) -> list[Part]:
     return [array_told(path, array.shape) for path, array in arrays.items()]
 
 
-def _nexus_default(h5py: ModuleType, group: Any) -> Any:
+def _nexus_default(group: Any) -> Any:
     """What NeXus says to plot, None if it says nothing."""
     attributes = _attributes(group)
-    while (name := text_attribute(attributes, "default")) in group and isinstance(group[name], h5py.Group):
+    while (name := text_attribute(attributes, "default")) in group and isinstance(group[name], h5py().Group):
         group = group[name]
         attributes = _attributes(group)
     signal = text_attribute(attributes, "signal")
     return group[signal] if signal and signal in group else None
 
 
-def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
+def _check_readable(part: ArrayPart, dataset: Any) -> None:
     """Raises BadInput if nothing was ever written, by a filter that is not installed, or in absurd chunks."""
     creation = dataset.id.get_create_plist()
     for number, _, _, name in (creation.get_filter(n) for n in range(creation.get_nfilters())):
-        if not h5py.h5z.filter_avail(number):
+        if not h5py().h5z.filter_avail(number):
             filter_name = name.decode(errors="replace") or "unnamed"
             raise BadInput(
                 f"{part.whole}: is compressed by HDF5's filter {number} ({filter_name}), which is not installed; "
@@ -232,9 +227,9 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
 
 
-def _told_missing(h5py: ModuleType, dataset: Any) -> list[str]:
+def _told_missing(dataset: Any) -> list[str]:
     """Of files that should hold its voxels, and are not there or do not. Raises BadInput if none does."""
-    missing = sources_without(h5py, dataset)
+    missing = sources_without(dataset)
     if not missing:
         return []
     every = len(set(files_beside(dataset)))
@@ -268,9 +263,9 @@ def _never_written(dataset: Any) -> dict[str, Any]:
     return {}
 
 
-def _axes(h5py: ModuleType, dataset: Any, attributes: Attributes) -> list[Coordinates]:
+def _axes(dataset: Any, attributes: Attributes) -> list[Coordinates]:
     """The dataset's axes, by what is the first to describe them all."""
-    scales = [_scale(h5py, dataset, n) for n in range(dataset.ndim)]
+    scales = [_scale(dataset, n) for n in range(dataset.ndim)]
     for n, name in enumerate(_nexus_axes(dataset)):
         if scales[n].axis == ArrayAxis(dataset.shape[n]) and name in dataset.parent:
             scales[n] = _variable(dataset.shape[n], name, dataset.parent[name])
@@ -285,7 +280,7 @@ def _axes(h5py: ModuleType, dataset: Any, attributes: Attributes) -> list[Coordi
     return scales
 
 
-def _scale(h5py: ModuleType, dataset: Any, n: int) -> Coordinates:
+def _scale(dataset: Any, n: int) -> Coordinates:
     """Axis `n` by its dimension scale or label."""
     dimension = dataset.dims[n]
     if len(dimension):

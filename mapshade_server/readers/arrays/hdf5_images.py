@@ -8,13 +8,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.arrays.array_volume import array_told
+from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
@@ -44,14 +44,14 @@ class Hdf5Image:
         return box.slices() if self.frame is None else (self.frame, *box.slices())
 
 
-def image_in(h5py: ModuleType, part: ArrayPart, file: Any) -> Hdf5Image | None:
+def image_in(part: ArrayPart, file: Any) -> Hdf5Image | None:
     """The image that is meant, None if the file is of no such program or something else in it is named.
 
     Raises BadInput if one must be chosen, and if the file does not state its place as it should.
     """
     try:
         if VTK_GROUP in file:
-            return _of_vtk(h5py, part, file[VTK_GROUP])
+            return _of_vtk(part, file[VTK_GROUP])
         if ITK_IMAGE in file and _means(part, f"/{ITK_IMAGE}/VoxelData"):
             return _of_itk(part, file[ITK_IMAGE])
         if "DataSetInfo/Image" in file and (not part.path or IMARIS_DATA.fullmatch(part.path)):
@@ -82,7 +82,7 @@ def _text(value: Any) -> str:
 # -- VTK
 
 
-def _of_vtk(h5py: ModuleType, part: ArrayPart, group: Any) -> Hdf5Image:
+def _of_vtk(part: ArrayPart, group: Any) -> Hdf5Image:
     kind = _text(group.attrs["Type"])
     if kind != "ImageData":
         raise BadInput(f"{part.place}: holds VTK's {kind}, volsplat reads ImageData; resample it to an image")
@@ -90,7 +90,7 @@ def _of_vtk(h5py: ModuleType, part: ArrayPart, group: Any) -> Hdf5Image:
         one.name: one
         for name in ("PointData", "CellData")
         for one in group.get(name, {}).values()
-        if isinstance(one, h5py.Dataset)
+        if isinstance(one, h5py().Dataset)
     }
     steps = int(group["Steps"].attrs["NSteps"]) if "Steps" in group else None
     part.check_known(() if steps is None else ("t",))

@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.named_files import are_held, named_file
 
@@ -36,7 +36,7 @@ def check_files_beside(dataset: Any) -> None:
             check_is_file(place)
 
 
-def sources_without(h5py: ModuleType, dataset: Any) -> list[str]:
+def sources_without(dataset: Any) -> list[str]:
     """Those files of a virtual dataset that do not hold what it takes from them; HDF5 gives its fill value instead.
 
     They are not where HDF5 looks for them, are no HDF5 files, or lack a dataset. Names without end, numbered by %b, are
@@ -48,18 +48,18 @@ def sources_without(h5py: ModuleType, dataset: Any) -> list[str]:
     for source in dataset.virtual_sources():
         if not any("%b" in name.replace("%%", "") for name in (source.file_name, source.dset_name)):
             taken[_meant(source.file_name)].add(_meant(source.dset_name))
-    return [name for name, paths in taken.items() if not _holds(h5py, Path(dataset.file.filename), name, paths)]
+    return [name for name, paths in taken.items() if not _holds(Path(dataset.file.filename), name, paths)]
 
 
-def _holds(h5py: ModuleType, own: Path, name: str, paths: set[str]) -> bool:
+def _holds(own: Path, name: str, paths: set[str]) -> bool:
     """Whether a file that another one names has something at all of these paths."""
     place = own if name == SAME_FILE else _found(own, name)
-    if place is None or not h5py.is_hdf5(place):
+    if place is None or not h5py().is_hdf5(place):
         return False
     try:
-        with h5py.File(place, "r", locking="best-effort") as file:
+        with hdf5_file(place) as file:
             for path in paths:
-                check_way(h5py, file, path)
+                check_way(file, path)
             return all(path in file for path in paths)
     except OSError:  # it is cut short
         return False
@@ -74,7 +74,7 @@ def _found(own: Path, name: str) -> Path | None:
     return next((place for place in places if place.exists()), None)
 
 
-def links_out(h5py: ModuleType, group: Any, most: int) -> list[tuple[str, Any]]:
+def links_out(group: Any, most: int) -> list[tuple[str, Any]]:
     """The external links in a group and its groups, by path, among so many links of all kinds."""
     found: list[tuple[str, Any]] = []
     left = most
@@ -82,7 +82,7 @@ def links_out(h5py: ModuleType, group: Any, most: int) -> list[tuple[str, Any]]:
     def look(name: bytes, info: Any) -> bool | None:
         nonlocal left
         left -= 1
-        if info.type == h5py.h5l.TYPE_EXTERNAL:
+        if info.type == h5py().h5l.TYPE_EXTERNAL:
             path = name.decode(errors="surrogateescape")
             found.append((path, group.get(path, getlink=True)))
         return True if left <= 0 else None
@@ -91,46 +91,46 @@ def links_out(h5py: ModuleType, group: Any, most: int) -> list[tuple[str, Any]]:
     return found
 
 
-def check_way(h5py: ModuleType, group: Any, path: str, hops: int = MOST_HOPS) -> None:
+def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> None:
     """Raises BadInput if a link on the way to a path leads to what is no file: HDF5 would wait for a FIFO."""
     at, steps = group.file if path.startswith("/") else group, [step for step in path.split("/") if step]
     for n, step in enumerate(steps):
         link, rest = at.get(step, getlink=True), "/".join(steps[n + 1 :])
-        if isinstance(link, h5py.ExternalLink):
-            _check_way_out(h5py, at, link, rest, hops)
-        elif isinstance(link, h5py.SoftLink) and hops:
-            check_way(h5py, at, f"{link.path}/{rest}", hops - 1)
-        elif isinstance(link, h5py.HardLink) and isinstance(at[step], h5py.Group):
+        if isinstance(link, h5py().ExternalLink):
+            _check_way_out(at, link, rest, hops)
+        elif isinstance(link, h5py().SoftLink) and hops:
+            check_way(at, f"{link.path}/{rest}", hops - 1)
+        elif isinstance(link, h5py().HardLink) and isinstance(at[step], h5py().Group):
             at = at[step]
             continue
         return
 
 
-def _check_way_out(h5py: ModuleType, group: Any, link: Any, rest: str, hops: int) -> None:
+def _check_way_out(group: Any, link: Any, rest: str, hops: int) -> None:
     if (place := _found(Path(group.file.filename), link.filename)) is None:
         return
     check_is_file(place)
-    if hops and h5py.is_hdf5(place):
-        with suppress(OSError), h5py.File(place, "r", locking="best-effort") as other:  # cut short, it leads nowhere
-            check_way(h5py, other, f"{link.path}/{rest}", hops - 1)
+    if hops and h5py().is_hdf5(place):
+        with suppress(OSError), hdf5_file(place) as other:  # cut short, it leads nowhere
+            check_way(other, f"{link.path}/{rest}", hops - 1)
 
 
-def behind(h5py: ModuleType, group: Any, name: str) -> Any:
+def behind(group: Any, name: str) -> Any:
     """What an external link of the group leads to, None if that is not there. Raises BadInput if it is no file."""
-    check_way(h5py, group, name)
+    check_way(group, name)
     return group.get(name)
 
 
-def lost_links(h5py: ModuleType, group: Any) -> list[str]:
+def lost_links(group: Any) -> list[str]:
     """External links that lead nowhere, as a line tells them."""
     return [
         f"{name}, which leads to {link.path} of {link.filename}, which is not there"
-        for name, link in links_out(h5py, group, MOST_OBJECTS)
-        if behind(h5py, group, name) is None
+        for name, link in links_out(group, MOST_OBJECTS)
+        if behind(group, name) is None
     ]
 
 
-def refuse_outside(h5py: ModuleType, path: Path) -> None:
+def refuse_outside(path: Path) -> None:
     """Where this server is held to a folder: raises BadInput if the file, or one that it leads to, names others.
 
     Raises what h5py raises for a file that it cannot read.
@@ -138,19 +138,19 @@ def refuse_outside(h5py: ModuleType, path: Path) -> None:
     to_look_at, seen = [path] if are_held() else [], set[Path]()
     while to_look_at:
         one = to_look_at.pop()
-        named = [named_file(one, name) for name in _names(h5py, one)]
+        named = [named_file(one, name) for name in _names(one)]
         seen.add(one)
-        to_look_at += [other for other in named if other not in seen and h5py.is_hdf5(other)]
+        to_look_at += [other for other in named if other not in seen and h5py().is_hdf5(other)]
 
 
-def _names(h5py: ModuleType, path: Path) -> Iterator[str]:
+def _names(path: Path) -> Iterator[str]:
     found: list[str] = []
 
     def look_at_object(name: str, one: Any) -> None:
-        if isinstance(one, h5py.Dataset):
+        if isinstance(one, h5py().Dataset):
             found.extend(files_beside(one))
 
-    with h5py.File(path, "r", locking="best-effort") as file:
-        found.extend(link.filename for _, link in links_out(h5py, file, sys.maxsize))
+    with hdf5_file(path) as file:
+        found.extend(link.filename for _, link in links_out(file, sys.maxsize))
         file.visititems(look_at_object)
     yield from (name for name in dict.fromkeys(found) if name != SAME_FILE)

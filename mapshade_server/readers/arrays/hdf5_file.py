@@ -1,0 +1,17 @@
+"""HDF5's library, and files that are open in it, also while another program writes them."""
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from volsplat.mapshade_server.readers.reading.extra import library
+
+
+def h5py() -> ModuleType:
+    """Raises BadInput with the extra that is missing."""
+    return library("h5py", "HDF5")
+
+
+def hdf5_file(path: Path) -> Any:
+    """To be closed, as by `with`. Raises what h5py raises."""
+    return h5py().File(path, "r", locking="best-effort")
