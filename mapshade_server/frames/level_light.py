@@ -126,7 +126,7 @@ class SeenLevel:
             _reflected([(area, seen.reflected[which]) for area, seen in sides if area], light)
             for which, light in enumerate((finer, coarser))
         )
-        return _light_factor(of_coarser, of_finer.amount(1.0))
+        return _factor_to_reflect(of_coarser, of_finer.amount(1.0))
 
 
 def _reflected(sides: Iterable[tuple[float, Reflected]], light: Light) -> _kernels.ReflectedLight:
@@ -137,7 +137,7 @@ def _reflected(sides: Iterable[tuple[float, Reflected]], light: Light) -> _kerne
     return reflected
 
 
-def _light_factor(coarser: _kernels.ReflectedLight, amount: float) -> float:
+def _factor_to_reflect(coarser: _kernels.ReflectedLight, amount: float) -> float:
     """What multiplies the light so that as much is reflected; 1 where there is nothing."""
     if amount <= 0.0 or coarser.amount(1.0) <= 0.0:
         return 1.0
