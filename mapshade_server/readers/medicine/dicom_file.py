@@ -60,12 +60,11 @@ APART = {
 
 @dataclass(frozen=True)
 class Place:
-    """Where a frame lies in the patient. `spacing` is between rows, then between columns, as the tag has it."""
+    """Where a frame lies in the patient."""
 
     position: Vector
     row_direction: Vector  # along which the column index grows
     column_direction: Vector
-    spacing: tuple[float, float]
 
     @property
     def normal(self) -> Vector:
@@ -74,11 +73,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Frame:
-    """One 2-D image of a file. `place` is None if the file states none."""
+    """One 2-D image of a file. `place` is None if the file states none; then `spacing` may be zeros."""
 
     pixels: Pixels
     number: int
     place: Place | None
+    spacing: tuple[float, float]  # between rows, then between columns, as the tag has it
     thickness: float  # 0 if none is stated
     rescale: Rescale
     apart: dict[str, tuple[str, ...]]
@@ -229,10 +229,16 @@ def _frame(path: Path, head: Any, pixels: Pixels, number: int) -> Frame:
                 return item[group][0].get(name)
         return head.get(name)
 
+    between_rows, between_columns = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
+    place = _place(path, value, head, number)
+    stated = min(between_rows, between_columns) > 0
+    if place is not None and not stated:
+        raise BadInput(f"{path}: has no usable PixelSpacing; export it again")
     return Frame(
         pixels=pixels,
         number=number,
-        place=_place(path, value, head, number),
+        place=place,
+        spacing=(between_rows, between_columns) if stated else (0.0, 0.0),
         thickness=_numbers(value("PixelMeasuresSequence", "SliceThickness"), 1)[0],
         rescale=rescale_of(path, value, head),
         apart={key: found for key, sources in APART.items() if (found := _first(value, sources))},
@@ -265,10 +271,7 @@ def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int)
         raise BadInput(
             f"{path}: has no usable ImageOrientationPatient, so it has no place in a series; export it again"
         )
-    between_rows, between_columns = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
-    if min(between_rows, between_columns) <= 0:
-        raise BadInput(f"{path}: has no usable PixelSpacing; export it again")
-    place = Place((x, y, z), row, column, (between_rows, between_columns))
+    place = Place((x, y, z), row, column)
     offsets = words_of(head.get("GridFrameOffsetVector"))
     if not offsets:
         return place

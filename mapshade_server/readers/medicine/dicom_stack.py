@@ -145,8 +145,10 @@ def stacked(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
     """Two frames or more as one volume. Raises BadInput if they are none: of several sizes, or some missing."""
     first = frames[0]
     for frame in frames[1:]:
-        if (frame.pixels.columns, frame.pixels.rows) != (first.pixels.columns, first.pixels.rows) or (
-            frame.place and first.place and frame.place.spacing != first.place.spacing
+        if (frame.pixels.columns, frame.pixels.rows, frame.spacing) != (
+            first.pixels.columns,
+            first.pixels.rows,
+            first.spacing,
         ):
             raise BadInput(
                 f"{source}: slices {first.name} and {frame.name} differ in size or pixel spacing; "
@@ -168,13 +170,12 @@ def single(source: Path, frame: Frame, file: DicomFile) -> Stack:
     """One frame as a volume of one slice, as thick as the file states, else as wide as its pixels."""
     dims = (frame.pixels.columns, frame.pixels.rows, 1)
     place = frame.place
+    thick = abs(frame.thickness or file.between_slices)
     if place is None:
-        geometry = checked_geometry(source, dims, matrices.IDENTITY)
-        return Stack(
-            (frame,), geometry, False, "", ("the file states no place of its slice, and no size of its pixels",)
-        )
-    between_rows, between_columns = place.spacing
-    thick = abs(frame.thickness or file.between_slices) or min(place.spacing)
+        told = "" if any(frame.spacing) else ", and no size of its pixels"
+        return _unplaced(source, (frame,), thick, f"the file states no place of its slice{told}")
+    between_rows, between_columns = frame.spacing
+    thick = thick or min(frame.spacing)
     columns = (
         matrices.scaled(place.row_direction, between_columns),
         matrices.scaled(place.column_direction, between_rows),
@@ -186,15 +187,25 @@ def single(source: Path, frame: Frame, file: DicomFile) -> Stack:
 
 def _in_file_order(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
     """Frames of a 3-D acquisition whose places were removed, as some programs do that remove names."""
-    step = abs(file.between_slices)
+    first = frames[0]
+    step = abs(file.between_slices or first.thickness)
+    down, across = first.spacing
     told = (
         "the file states no places of its frames, likely removed: they are stacked in their order, "
-        f"{f'{step:g} mm apart' if step else 'one pixel apart'}, with pixels of 1 mm; left and right cannot be told"
+        f"{f'{step:g} mm apart' if step else 'one pixel apart'}, with pixels of "
+        f"{f'{across:g} x {down:g} mm' if any(first.spacing) else '1 mm'}; left and right cannot be told"
     )
-    dims = (frames[0].pixels.columns, frames[0].pixels.rows, len(frames))
-    matrix: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, step or 1.0))
-    geometry = checked_geometry(source, dims, matrix)
-    return Stack(tuple(frames), geometry, False, "", (told,))
+    return _unplaced(source, frames, step, told)
+
+
+def _unplaced(source: Path, frames: Sequence[Frame], step: float, told: str) -> Stack:
+    """Frames in this order, `step` mm apart, or as far as pixels are, which are of 1 mm if no size is stated."""
+    first = frames[0]
+    stated = any(first.spacing)
+    down, across = first.spacing if stated else (1.0, 1.0)
+    matrix: Matrix = ((across, 0.0, 0.0), (0.0, down, 0.0), (0.0, 0.0, step or min(across, down)))
+    geometry = checked_geometry(source, (first.pixels.columns, first.pixels.rows, len(frames)), matrix)
+    return Stack(tuple(frames), geometry, False, "mm" if stated else "", (told,))
 
 
 def _by_position(source: Path, placed: Sequence[tuple[Frame, Place]]) -> Stack:
@@ -207,7 +218,7 @@ def _by_position(source: Path, placed: Sequence[tuple[Frame, Place]]) -> Stack:
     _check_line(source, in_order, heights)
     count = len(frames) if even else _even_count(heights)
     step = matrices.scaled(matrices.minus(last.position, first.position), 1 / (count - 1))
-    between_rows, between_columns = first.spacing
+    between_rows, between_columns = frames[0].spacing
     matrix: Matrix = matrices.transposed(
         (
             matrices.scaled(first.row_direction, between_columns),
@@ -253,7 +264,7 @@ def _check_line(source: Path, in_order: Sequence[tuple[Frame, Place]], heights: 
     """Raises BadInput for a slice that is shifted within its plane against the line through first and last."""
     first, last = in_order[0][1].position, in_order[-1][1].position
     along = matrices.scaled(matrices.minus(last, first), 1 / (heights[-1] - heights[0]))
-    most = BESIDE_TOLERANCE * min(in_order[0][1].spacing)
+    most = BESIDE_TOLERANCE * min(in_order[0][0].spacing)
     for (frame, place), height in zip(in_order, heights, strict=True):
         expected: Vector = matrices.plus(first, matrices.scaled(along, height - heights[0]))
         beside = matrices.length(matrices.minus(place.position, expected))

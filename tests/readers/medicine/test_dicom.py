@@ -375,6 +375,18 @@ def test_the_real_multi_frame_files_are_equal_in_every_packing(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize(
+    ("planes", "told"), [(5, "2 mm apart, with pixels of 0.5 x 0.75 mm"), (1, "no place of its slice")]
+)
+def test_pixels_without_a_place_are_as_large_as_the_file_states(planes: int, told: str, tmp_path: Path) -> None:
+    tags = {"MRAcquisitionType": "3D", "PixelSpacing": [0.75, 0.5], "SliceThickness": 2.0}
+    path = saved(tmp_path / "nowhere.dcm", with_pixels(head(MR, Modality="MR", **tags), VALUES[:planes]))
+    description = described(path if planes > 1 else f"{path}#slice")
+    assert description.geometry.index_to_physical == ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2))
+    assert description.unit == "mm" and not description.anatomical
+    assert told in description.warnings[0] and "no size of its pixels" not in description.warnings[0]
+
+
 def test_a_film_of_one_slice_is_no_volume(tmp_path: Path) -> None:
     film = with_pixels(head(SECONDARY, Modality="US"), VALUES)
     assert "a film of one slice is no volume" in refused(saved(tmp_path / "film.dcm", film))
