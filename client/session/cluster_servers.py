@@ -85,6 +85,8 @@ class ClusterServers:
         self._tunnels = self._running.tunnels(self._state, self._report)
         self._calls = ClusterCalls(self._state.servers, links, self._reasons)
         self._watch = ClusterWatch(self._running, self._state, self._tunnels, links, self._reasons, self._report)
+        self._calls.begin()
+        self._watch.begin()
 
     @contextmanager
     def beginning(self) -> Iterator[None]:

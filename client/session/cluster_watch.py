@@ -34,7 +34,7 @@ class Looked(NamedTuple):
 
 
 class ClusterWatch:
-    """A thread watches from when it is made until it is closed."""
+    """A thread watches from begin() until it is closed."""
 
     def __init__(
         self,
@@ -52,6 +52,8 @@ class ClusterWatch:
         self._restarts = defaultdict[str, RestartLimit](RestartLimit)
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watch the cluster", daemon=True)
+
+    def begin(self) -> None:
         self._thread.start()
 
     def close(self) -> None:
@@ -59,7 +61,8 @@ class ClusterWatch:
 
     def join(self) -> None:
         """Wait until a server that is being started anew is: nobody would know of it."""
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
 
     def _watch(self) -> None:
         began, seen = time.monotonic(), set[str]()

@@ -26,7 +26,7 @@ from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session import cluster_watch
+from volsplat.client.session import cluster_calls, cluster_watch
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
@@ -189,8 +189,12 @@ def test_a_client_dials_one_server_first_so_that_no_two_clients_wait_for_each_ot
         assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
-def test_a_server_that_lets_a_client_in_and_hangs_up_without_a_word_decides_nothing(person: Person) -> None:
+@pytest.mark.parametrize("speaks", [True, False])
+def test_a_server_that_hangs_up_without_a_word_decides_nothing_at_first(
+    speaks: bool, person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As one does that two clients dial at the same moment."""
+    monkeypatch.setattr(cluster_calls, "PAUSE_SECONDS", 0.05)
     waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
     path = cluster_file(person.folder, "same-moment", waits)
     assert person.runs("deploy", "up", str(path)).returncode == 0
@@ -200,16 +204,18 @@ def test_a_server_that_lets_a_client_in_and_hangs_up_without_a_word_decides_noth
     addresses = map(parse_address, sorted(one.wait_at for one in state.servers))
     first, second = (WaitingPort(Role.MAPSHADE_SERVER, address, running.token) for address in addresses)
     with closing(first), closing(second), Session(person.folder / "head.nrrd", cluster=path):
-        for _ in range(2):
+        for _ in range(cluster_calls.MOST_WORDLESS - 1):
             first.next_client(hello, PATIENCE).close()
-        with pytest.raises(PeerLost, match="no client"):
-            second.next_client(hello, 0.5)
         with first.next_client(hello, PATIENCE) as client:
-            while not ((asked := client.receive()) and isinstance(asked.message, DescribeMachine)):
+            with pytest.raises(PeerLost, match="no client"):
+                second.next_client(hello, 0)
+            while speaks and not ((asked := client.receive()) and isinstance(asked.message, DescribeMachine)):
                 assert asked is not None
-            client.send(MachineDescribed(memory_bytes=1, threads=1))
-            second.next_client(hello, PATIENCE).close()
-    person.runs("deploy", "down", str(path))
+            if speaks:
+                client.send(MachineDescribed(memory_bytes=1, threads=1))
+                second.next_client(hello, PATIENCE).close()
+        second.next_client(hello, PATIENCE).close()
+    assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
 def test_a_client_that_is_killed_leaves_servers_for_the_next_one(person: Person, cluster: Path) -> None:
