@@ -78,8 +78,9 @@ class Frame:
     pixels: Pixels
     number: int
     place: Place | None
-    spacing: tuple[float, float]  # between rows, then between columns, as the tag has it
-    thickness: float  # 0 if none is stated
+    spacing: tuple[float, float]  # mm between rows, then between columns, as the tag has it
+    thickness: float  # mm; 0 if none is stated
+    between_slices: float  # likewise
     rescale: Rescale
     apart: dict[str, tuple[str, ...]]
 
@@ -103,7 +104,6 @@ class DicomFile:
     modality: str
     localizer: bool
     ordered: bool  # frames without places follow each other through a volume
-    between_slices: float  # of such frames; 0 if none is stated
     value_unit: str
     frames: tuple[Frame, ...]
     refusal: str  # why its pixels cannot be read, "" if they can; then it has no frames
@@ -158,7 +158,6 @@ def _told(path: Path, head: Any, file: BinaryIO) -> DicomFile | None:
         modality=modality,
         localizer="LOCALIZER" in words_of(head.get("ImageType")),
         ordered=head.get("VolumetricProperties") == "VOLUME" or head.get("MRAcquisitionType") == "3D",
-        between_slices=_numbers(head.get("SpacingBetweenSlices"), 1)[0],
         value_unit=value_unit_of(head, modality),
         frames=frames,
         refusal=refusal,
@@ -229,17 +228,16 @@ def _frame(path: Path, head: Any, pixels: Pixels, number: int) -> Frame:
                 return item[group][0].get(name)
         return head.get(name)
 
-    between_rows, between_columns = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
-    place = _place(path, value, head, number)
-    stated = min(between_rows, between_columns) > 0
-    if place is not None and not stated:
+    spacing, place = _spacing(value), _place(path, value, head, number)
+    if place is not None and not any(spacing):
         raise BadInput(f"{path}: has no usable PixelSpacing; export it again")
     return Frame(
         pixels=pixels,
         number=number,
         place=place,
-        spacing=(between_rows, between_columns) if stated else (0.0, 0.0),
+        spacing=spacing,
         thickness=_numbers(value("PixelMeasuresSequence", "SliceThickness"), 1)[0],
+        between_slices=_numbers(value("PixelMeasuresSequence", "SpacingBetweenSlices"), 1)[0],
         rescale=rescale_of(path, value, head),
         apart={key: found for key, sources in APART.items() if (found := _first(value, sources))},
     )
@@ -255,6 +253,15 @@ def _numbers(value: Any, count: int) -> tuple[float, ...]:
     numbers = tuple(float(one) for one in ([value] if isinstance(value, str | int | float) else list(value or ())))
     usable = len(words) == count and all(math.isfinite(number) for number in numbers)
     return numbers if usable else (0.0,) * count
+
+
+def _spacing(value: Callable[[str, str], Any]) -> tuple[float, float]:
+    """Zeros if none is stated that can be used."""
+    try:
+        between_rows, between_columns = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
+    except ValueError:  # what stands there are no numbers
+        return 0.0, 0.0
+    return (between_rows, between_columns) if min(between_rows, between_columns) > 0 else (0.0, 0.0)
 
 
 def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int) -> Place | None:

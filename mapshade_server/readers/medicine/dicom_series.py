@@ -105,7 +105,7 @@ def _around(path: Path, slice_: DicomFile, said: PartOptions) -> OpenedVolume:
 
 
 def _alone(path: Path, file: DicomFile) -> OpenedVolume:
-    stack = dicom_stack.single(path, file.frames[0], file)
+    stack = dicom_stack.single(path, file.frames[0])
     return _opened(f"{path.name}#{ONE_SLICE}", _Series((file,)), stack)
 
 

@@ -163,17 +163,19 @@ def stacked(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
             f"{source}: {odd.name} has no usable ImagePositionPatient, so it has no place in a series; a film of one "
             "slice is no volume, else export it again"
         )
-    return _in_file_order(source, frames, file)
+    return _in_file_order(source, frames)
 
 
-def single(source: Path, frame: Frame, file: DicomFile) -> Stack:
+def single(source: Path, frame: Frame) -> Stack:
     """One frame as a volume of one slice, as thick as the file states, else as wide as its pixels."""
     dims = (frame.pixels.columns, frame.pixels.rows, 1)
     place = frame.place
-    thick = abs(frame.thickness or file.between_slices)
+    thick = abs(frame.thickness or frame.between_slices)
     if place is None:
-        told = "" if any(frame.spacing) else ", and no size of its pixels"
-        return _unplaced(source, (frame,), thick, f"the file states no place of its slice{told}")
+        told = "the file states no place of its slice"
+        if not any(frame.spacing):
+            return _unplaced(source, (frame,), 0.0, f"{told}, and no size of its pixels")
+        return _unplaced(source, (frame,), thick, told)
     between_rows, between_columns = frame.spacing
     thick = thick or min(frame.spacing)
     columns = (
@@ -185,15 +187,18 @@ def single(source: Path, frame: Frame, file: DicomFile) -> Stack:
     return Stack((frame,), geometry, True, "mm", ())
 
 
-def _in_file_order(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
+def _in_file_order(source: Path, frames: Sequence[Frame]) -> Stack:
     """Frames of a 3-D acquisition whose places were removed, as some programs do that remove names."""
     first = frames[0]
-    step = abs(file.between_slices or first.thickness)
+    step = abs(first.between_slices or first.thickness)
+    apart = f"{step:g} mm apart" if step else "one pixel apart"
+    if step and not first.between_slices:
+        apart += ", as thick as they are"
     down, across = first.spacing
+    pixels = f"{across:g} x {down:g} mm" if any(first.spacing) else "1 mm"
     told = (
         "the file states no places of its frames, likely removed: they are stacked in their order, "
-        f"{f'{step:g} mm apart' if step else 'one pixel apart'}, with pixels of "
-        f"{f'{across:g} x {down:g} mm' if any(first.spacing) else '1 mm'}; left and right cannot be told"
+        f"{apart}, with pixels of {pixels}; left and right cannot be told"
     )
     return _unplaced(source, frames, step, told)
 

@@ -375,16 +375,41 @@ def test_the_real_multi_frame_files_are_equal_in_every_packing(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
-    ("planes", "told"), [(5, "2 mm apart, with pixels of 0.5 x 0.75 mm"), (1, "no place of its slice")]
-)
-def test_pixels_without_a_place_are_as_large_as_the_file_states(planes: int, told: str, tmp_path: Path) -> None:
-    tags = {"MRAcquisitionType": "3D", "PixelSpacing": [0.75, 0.5], "SliceThickness": 2.0}
-    path = saved(tmp_path / "nowhere.dcm", with_pixels(head(MR, Modality="MR", **tags), VALUES[:planes]))
+PIXELS = {"PixelSpacing": [0.75, 0.5]}
+UNPLACED: dict[str, tuple[int, dict[str, Any], tuple[float, float, float], str]] = {
+    "all is stated": (
+        5,
+        PIXELS | {"SpacingBetweenSlices": 1.0, "SliceThickness": 2.0},
+        (0.5, 0.75, 1),
+        "in their order, 1 mm apart, with pixels of 0.5 x 0.75 mm",
+    ),
+    "thick": (5, PIXELS | {"SliceThickness": 2.0}, (0.5, 0.75, 2), "2 mm apart, as thick as they are"),
+    "pixels alone": (5, PIXELS, (0.5, 0.75, 0.5), "one pixel apart, with pixels of 0.5 x 0.75 mm"),
+    "slices alone": (5, {"SpacingBetweenSlices": 3.0}, (1, 1, 3), "3 mm apart, with pixels of 1 mm"),
+    "one slice": (1, PIXELS | {"SliceThickness": 2.0}, (0.5, 0.75, 2), "no place of its slice"),
+    "one slice, thick": (1, {"SliceThickness": 2.0}, (1, 1, 1), "no place of its slice, and no size of its pixels"),
+}
+
+
+@pytest.mark.parametrize("packed", [False, True], ids=["plain", "enhanced"])
+@pytest.mark.parametrize("case", UNPLACED)
+def test_frames_without_a_place_are_as_large_as_the_file_states(case: str, packed: bool, tmp_path: Path) -> None:
+    planes, tags, spacing, told = UNPLACED[case]
+    shared = {"SharedFunctionalGroupsSequence": Items([item(**macro("PixelMeasuresSequence", **tags))])}
+    one = head(MR, Modality="MR", MRAcquisitionType="3D", **(shared if packed else tags))
+    path = saved(tmp_path / "nowhere.dcm", with_pixels(one, VALUES[:planes]))
     description = described(path if planes > 1 else f"{path}#slice")
-    assert description.geometry.index_to_physical == ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2))
-    assert description.unit == "mm" and not description.anatomical
-    assert told in description.warnings[0] and "no size of its pixels" not in description.warnings[0]
+    assert description.geometry.spacing == spacing and not description.anatomical
+    assert description.unit == ("mm" if "PixelSpacing" in tags else "") and told in description.warnings[0]
+
+
+def test_a_picture_whose_spacing_is_no_number_is_left_out(tmp_path: Path) -> None:
+    folder = series(tmp_path / "study", VALUES)
+    picture = with_pixels(head(SECONDARY, SeriesInstanceUID="9.9", PixelSpacing=[0.5, 0.5]), VALUES[0])
+    raw = saved(folder / "picture", picture).read_bytes()
+    assert raw.count(b"0.5\\0.5") == 1
+    (folder / "picture").write_bytes(raw.replace(b"0.5\\0.5", b"0,5\\0,5"))
+    np.testing.assert_array_equal(read_whole(folder), VALUES)
 
 
 def test_a_film_of_one_slice_is_no_volume(tmp_path: Path) -> None:
