@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of, told_head
-from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
+from volsplat.mapshade_server.readers.reading.file_marks import HEAD_BYTES, check_is_file, mark_of, told_head
+from volsplat.mapshade_server.readers.reading.gzip_files import DAMAGED_GZIP, GZIP_MAGIC
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
-HEAD_BYTES = 4096
 LOCAL_URL = "file://"
 SHORT_EXAMPLE = "dims=256x256x113,type=uint16"  # of raw voxels
 
@@ -227,6 +226,9 @@ def _opened(path: Path, part: str) -> OpenedVolume:
         return found.open(path, part)
     if raw_voxels.describes(path, part):
         return raw_voxels.open_raw_voxels(path, part)
+    if head.startswith(GZIP_MAGIC):
+        cause = "is packed by gzip twice; unpack it by gunzip" if packed else f"{DAMAGED_GZIP}; fetch the file again"
+        raise BadInput(f"{path}: {cause}")
     mark, a_gzip = mark_of(head), "a gzip of " if packed else ""
     if mark is not None:
         raise BadInput(f"{path}: is {a_gzip}{mark.what}, which is not read; {mark.cure}")

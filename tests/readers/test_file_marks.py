@@ -18,6 +18,7 @@ from support.files.volume_files import values_of, written
 from support.patience import PATIENCE
 from support.programs.programs import VOLSPLAT
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.reading.file_marks import MARKS_OF_FOLDERS, FolderMark
 from volsplat.protocol.text.errors import BadInput
 
 LONGEST = 200  # characters behind the path
@@ -74,11 +75,8 @@ MARKED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "pickle": (lambda d: pickled(d / "a.pkl"), "a Python pickle"),
     "web page": (lambda d: holding(d / "a.nii", b"<!doctype HTML><p>404"), "is a web page, likely of a download"),
     "LFS": (lambda d: holding(d / "a.mha", b"version https://git-lfs.github.com/spec/v1\n"), "git lfs pull"),
-    "damaged gzip": (
-        lambda d: holding(d / "a.gz", b"\x1f\x8b\x08 no"),
-        "is a gzip that is damaged, which is not read; fetch",
-    ),
-    "N5": (lambda d: holding(d / "attributes.json", b"{}").parent, "is an N5 container, which is not read; save"),
+    "damaged gzip": (lambda d: holding(d / "a.gz", b"\x1f\x8b\x08 no"), "gzip data is damaged or truncated; fetch"),
+    "gzip of gzip": (lambda d: holding(d / "a.gz", gzip.compress(gzip.compress(b"text"))), "is packed by gzip twice"),
     "bytes": (lambda d: holding(d / "a.dat", b"\1\2\3\xff" * 9), "it begins with 01 02 03 ff 01 02 03 ff; raw voxels"),
 }
 
@@ -92,6 +90,19 @@ def test_what_is_not_read_is_named_in_one_short_line(case: str, tmp_path: Path) 
     text = str(refusal.value)
     assert cause in text and text.startswith(f"{path}: ")
     assert "\n" not in text and len(text) - len(str(path)) < LONGEST
+
+
+def read_folder(folder: Path, file: str, content: str) -> str:
+    (folder / file).write_text(content, encoding="utf-8")
+    with pytest.raises(BadInput) as refusal:
+        open_volume(str(folder))
+    return str(refusal.value)
+
+
+@pytest.mark.parametrize("mark", MARKS_OF_FOLDERS)
+def test_folders_that_are_not_read_are_named_by_a_file_of_theirs(mark: FolderMark, tmp_path: Path) -> None:
+    assert f": is {mark.what}, which is not read" in read_folder(tmp_path, mark.file, f"{{{mark.mark.decode()}: 1}}")
+    assert "a folder without DICOM images" in read_folder(tmp_path, mark.file, "what a person wrote")
 
 
 def test_raw_voxels_may_begin_like_anything(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""HDF5's library, and files that are open in it, also while another program writes them."""
+"""HDF5's library, and files opened by it, locked against writers where the file system can."""
 
 from pathlib import Path
 from types import ModuleType
@@ -13,5 +13,5 @@ def h5py() -> ModuleType:
 
 
 def hdf5_file(path: Path) -> Any:
-    """To be closed, as by `with`. Raises what h5py raises."""
+    """To be closed, as by `with`. Raises what h5py raises, and BadInput without it."""
     return h5py().File(path, "r", locking="best-effort")

@@ -26,10 +26,11 @@ def images_of(folder: Path) -> list[DicomFile]:
     for path in folder.iterdir():
         if path.name[0] != "." and path.exists():
             check_is_file(path)
-    files = list(_images(folder)) or _listed(folder) or list(_further_down(folder))
+    files = list(_images(folder)) or _listed(folder)
+    if not files and (mark := mark_of_folder(folder)) is not None:  # further down may lie very many files
+        raise BadInput(f"{folder}: is {mark.what}, which is not read; {mark.cure}")
+    files = files or list(_further_down(folder))
     if not files:
-        if (mark := mark_of_folder(folder)) is not None:
-            raise BadInput(f"{folder}: is {mark.what}, which is not read; {mark.cure}")
         raise BadInput(
             f"{folder}: a folder without DICOM images, and none within {DEEPEST} folders further down; give a volume "
             "file or the folder of a DICOM series"

@@ -13,6 +13,7 @@ UNPACK = "unpack it first"
 ONE_PICTURE = "give the folder of all its slices"
 MESH = "volsplat draws voxels; sample it on a grid first"
 SHOWN_BYTES = 16
+HEAD_BYTES = 4096
 
 
 class Mark(NamedTuple):
@@ -25,9 +26,10 @@ class Mark(NamedTuple):
 
 
 class FolderMark(NamedTuple):
-    """A file that such folders hold; what they are, and what to do with them."""
+    """A file that such folders hold, and what its first bytes hold; what they are, and what to do with them."""
 
     file: str
+    mark: bytes
     what: str
     cure: str
 
@@ -48,7 +50,6 @@ MARKS = (
     Mark(b"\x28\xb5\x2f\xfd", "packed by zstd", UNPACK),
     Mark(b"\x04\x22\x4d\x18", "packed by lz4", UNPACK),
     Mark(b"BZh", "packed by bzip2", UNPACK),
-    Mark(b"\x1f\x8b", "a gzip that is damaged", "fetch it again"),
     Mark(b"ustar", "a tar archive", UNPACK, 257),
     Mark(b"%PDF", "a PDF document", "give the volume itself"),
     Mark(b"<!DOCTYPE html", "a web page, likely of a download that failed", "fetch the volume again"),
@@ -81,9 +82,9 @@ MARKS = (
 )
 
 MARKS_OF_FOLDERS = (
-    FolderMark("attributes.json", "an N5 container", "save the volume as Zarr"),
-    FolderMark("info", "Neuroglancer's precomputed volume", "save the volume as Zarr"),
-    FolderMark("acqp", "a Bruker scan", "convert the study to NIfTI or DICOM"),
+    FolderMark("attributes.json", b'"n5"', "an N5 container", "save the volume as Zarr"),
+    FolderMark("attributes.json", b'"dimensions"', "an N5 dataset", "save the volume as Zarr"),
+    FolderMark("info", b'"scales"', "Neuroglancer's precomputed volume", "save the volume as Zarr"),
 )
 
 NO_FILES = (
@@ -101,7 +102,14 @@ def mark_of(head: bytes) -> Mark | None:
 
 def mark_of_folder(folder: Path) -> FolderMark | None:
     """What a folder without images is, None if no file in it is known."""
-    return next((one for one in MARKS_OF_FOLDERS if (folder / one.file).is_file()), None)
+    return next((one for one in MARKS_OF_FOLDERS if one.mark in _first_bytes(folder / one.file)), None)
+
+
+def _first_bytes(path: Path) -> bytes:
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
 
 
 def told_head(head: bytes) -> str:
