@@ -1,27 +1,16 @@
 """The errors that a person sees: each is one line that names the cause and the cure."""
 
-import traceback
-from itertools import takewhile
-from types import FrameType
+from volsplat.protocol.text.callers_lines import under_callers_lines
 
 
 class VolsplatError(Exception):
     """Base of all errors that are shown as one line, without a traceback."""
 
-    def _render_traceback_(self) -> list[str]:
-        """What notebooks and IPython, which look for this name, show: where the caller stood, and the line."""
-        frames = takewhile(lambda place: not _is_of(place[0], __package__), traceback.walk_tb(self.__traceback__))
-        callers = traceback.StackSummary.extract(place for place in frames if not _is_of(place[0], "IPython"))
-        return ["".join(callers.format()) + f"{type(self).__name__}: {self}"]
-
-
-def _is_of(frame: FrameType, package: str) -> bool:
-    top, _, _ = str(frame.f_globals.get("__name__")).partition(".")
-    return top == package.partition(".")[0]
-
 
 class BadInput(VolsplatError):
     """Something that a person gave cannot be used: a file, an option, a scene."""
+
+    _render_traceback_ = under_callers_lines
 
 
 class NoRoom(BadInput):
@@ -42,6 +31,8 @@ class TooEarly(VolsplatError):
 
 class PeerLost(VolsplatError):
     """A server that a frame needs is gone."""
+
+    _render_traceback_ = under_callers_lines
 
 
 class TurnedAway(PeerLost):

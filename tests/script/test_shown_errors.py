@@ -1,13 +1,15 @@
-"""What IPython, and so a notebook, shows of an error: the caller's lines and the message, none of the library's own."""
+"""What IPython, and so a notebook, shows of an error: the caller's lines and the message, none of the libraries'."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from support.patience import PATIENCE
 
-CELLS = """
+DIRECT = """
 import volsplat as vs
 
 def draw(name):
@@ -15,18 +17,42 @@ def draw(name):
 
 draw("nowhere.nrrd")
 """
-SHOWN = """  File "{cells}", line 7, in <module>
-    draw("nowhere.nrrd")
-  File "{cells}", line 5, in draw
+POOLED = """
+from concurrent.futures import ThreadPoolExecutor
+import volsplat as vs
+
+def draw(name):
     return vs.render(name)
-BadInput: {folder}/nowhere.nrrd: there is no such file; check the path
+
+list(ThreadPoolExecutor(1).map(draw, ["nowhere.nrrd"]))
+"""
+INTERNAL = """
+from volsplat.protocol.wire.framing import Decoder
+
+list(Decoder().feed(bytes(100)))
 """
 
 
-def test_ipython_shows_where_the_caller_stood_and_the_message_alone(tmp_path: Path) -> None:
-    cells = tmp_path / "cells.py"
-    cells.write_text(CELLS, encoding="utf-8")
-    asked = [sys.executable, "-m", "IPython", "--no-banner", "--colors=NoColor", str(cells)]
-    env = {**os.environ, "IPYTHONDIR": str(tmp_path)}
-    ran = subprocess.run(asked, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=PATIENCE)
-    assert ran.stdout + ran.stderr == SHOWN.format(cells=cells, folder=tmp_path)
+def shown(folder: Path, cells: str) -> str:
+    (folder / "cells.py").write_text(cells, encoding="utf-8")
+    asked = [sys.executable, "-m", "IPython", "--no-banner", "--colors=NoColor", str(folder / "cells.py")]
+    env = {**os.environ, "IPYTHONDIR": str(folder)}
+    ran = subprocess.run(asked, cwd=folder, env=env, capture_output=True, text=True, timeout=PATIENCE)
+    return ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("cells", "last", "call"),
+    [(DIRECT, 7, 'draw("nowhere.nrrd")'), (POOLED, 8, 'list(ThreadPoolExecutor(1).map(draw, ["nowhere.nrrd"]))')],
+    ids=["direct", "in a pool"],
+)
+def test_the_callers_lines_and_the_message_are_shown_alone(cells: str, last: int, call: str, tmp_path: Path) -> None:
+    place = f'  File "{tmp_path}/cells.py", line'
+    assert shown(tmp_path, cells) == (
+        f"{place} {last}, in <module>\n    {call}\n{place} {last - 2}, in draw\n    return vs.render(name)\n"
+        f"BadInput: {tmp_path}/nowhere.nrrd: there is no such file; check the path\n"
+    )
+
+
+def test_what_is_no_persons_mistake_keeps_its_traceback(tmp_path: Path) -> None:
+    assert "framing.py" in shown(tmp_path, INTERNAL)
