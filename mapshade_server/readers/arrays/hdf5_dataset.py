@@ -120,6 +120,7 @@ def _image(part: ArrayPart, image: Hdf5Image, dataset: Any) -> OpenedVolume:
         unit=image.unit,
         anatomical=image.anatomical,
         density_name=image.density_name,
+        warnings=tuple(_told_missing(dataset)),
     )
 
     pick = _picks(Path(part.place), image.path)

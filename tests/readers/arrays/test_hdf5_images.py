@@ -146,6 +146,27 @@ def test_a_moment_of_a_vtkhdf_series_is_chosen(tmp_path: Path) -> None:
         open_volume(str(path))
 
 
+def test_what_lost_partitions_of_a_vtkhdf_image_held_is_told(tmp_path: Path) -> None:
+    """As VTK writes partitions into files of their own."""
+    path, sheets = vtkhdf(tmp_path / "volume.vtkhdf", vtk_image()), (2, DIMS[2] - 2)
+    layout, begin = h5py.VirtualLayout(VALUES.shape, VALUES.dtype), 0
+    for n, count in enumerate(sheets):
+        source = h5py.VirtualSource(f"part{n}.h5", "data", (count, *VALUES.shape[1:]))
+        layout[begin : begin + count] = source
+        with h5py.File(tmp_path / f"part{n}.h5", "w") as part:
+            part["data"] = VALUES[begin : begin + count]
+        begin += count
+    density = f"{path}#density"
+    with h5py.File(path, "a") as file:
+        del file["VTKHDF/PointData/density"]
+        file.create_virtual_dataset("VTKHDF/PointData/density", layout)
+    np.testing.assert_array_equal(read_whole(density), VALUES)
+    assert not described(density).warnings
+    (tmp_path / "part1.h5").unlink()
+    assert "1 of 2 files with its voxels are not there, or lack them (part1.h5)" in described(density).warnings[0]
+    np.testing.assert_array_equal(read_whole(density)[:2], VALUES[:2])
+
+
 def test_an_imaris_image_has_its_extents_and_no_padding(tmp_path: Path) -> None:
     path = imaris(tmp_path / "volume.ims")
     told = described(path)
