@@ -154,9 +154,10 @@ def export(
 
 
 def in_notebook() -> bool:
-    """Whether a Jupyter kernel runs this."""
-    shell = sys.modules.get("IPython")
-    return shell is not None and type(shell.get_ipython()).__name__ == NOTEBOOK_SHELL
+    """Whether a Jupyter kernel runs this, or marimo."""
+    shell, marimo = sys.modules.get("IPython"), sys.modules.get("marimo")
+    in_jupyter = shell is not None and type(shell.get_ipython()).__name__ == NOTEBOOK_SHELL
+    return in_jupyter or (marimo is not None and marimo.running_in_notebook())
 
 
 def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Any:

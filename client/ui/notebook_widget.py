@@ -1,4 +1,4 @@
-"""The viewport in a Jupyter notebook, with the scene as its trait (`Session.widget()`; extra `[notebook]`)."""
+"""The viewport in a notebook, with the scene as its trait (`Session.widget()`; extra `[notebook]`)."""
 
 from __future__ import annotations
 

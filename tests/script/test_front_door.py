@@ -11,6 +11,7 @@ import subprocess
 import sys
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,12 @@ def test_a_session_that_is_open_is_drawn_by(image: vs.RenderedImage) -> None:
     with vs.open(BALL, workers=1, threads=1) as session:
         drawn = vs.render(session, image.scene)
         assert np.array_equal(drawn.numpy(), image.numpy()) and session.server_processes
+
+
+@pytest.mark.parametrize("is_cell", [True, False])
+def test_a_cell_of_marimo_is_one_of_a_notebook(is_cell: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "marimo", SimpleNamespace(running_in_notebook=lambda: is_cell))
+    assert plotting.in_notebook() is is_cell
 
 
 def test_plot_without_a_display_writes_a_picture(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 ADDRESS = "http://hub.example/"  # not by HTTPS, as many a hub
-_RENDER = """async ([source, traits]) => {
+_RENDER = """async ([source, traits, css, inShadow]) => {
   const listeners = [];
   window.fromKernel = (content, buffers) => {
     const views = buffers.map((text) => new DataView(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer));
@@ -31,7 +31,9 @@ _RENDER = """async ([source, traits]) => {
     off: (_, listener) => listeners.splice(listeners.indexOf(listener), 1),
   };
   const module = await import(URL.createObjectURL(new Blob([source], { type: "text/javascript" })));
-  const el = document.getElementById("cell");
+  const cell = document.getElementById("cell"), root = inShadow ? cell.attachShadow({ mode: "open" }) : cell;
+  root.append(Object.assign(document.createElement("style"), { textContent: css }));
+  const el = root.appendChild(document.createElement("div"));
   window.endView = await module.default.render({ model, el });
   for (const name of ["height", "min-height", "width", "display", "overflow"])
     el.style.removeProperty(name); // the widget's layout, which says nothing of them, is the last to style it
@@ -39,21 +41,23 @@ _RENDER = """async ([source, traits]) => {
 
 
 class NotebookCell:
-    """One view of a widget, whose Python half runs in an event loop of a thread, as in a kernel."""
+    """One view of a widget, whose Python half runs in an event loop of a thread, as in a kernel.
 
-    def __init__(self, page: Page, session: Session, **options: Any) -> None:
+    `in_shadow`: below a root of its own, as marimo has its cells.
+    """
+
+    def __init__(self, page: Page, session: Session, in_shadow: bool = False, **options: Any) -> None:
         self.page = page
         self._said: queue.SimpleQueue[tuple[Any, list[str]]] = queue.SimpleQueue()
         self._loop = asyncio.new_event_loop()
         threading.Thread(target=self._loop.run_forever, name="kernel", daemon=True).start()
         self.widget = self.kernel(lambda: self._made(session, options))
         page.expose_function("toKernel", self._heard)
-        head = f'<!doctype html><meta charset="utf-8"><style>{self.widget._css}</style>'
-        html = f'{head}<div style="width: 1200px"><div id="cell"></div></div>'
+        html = '<!doctype html><meta charset="utf-8"><div id="cell" style="width: 1200px"></div>'
         page.route("**/*", lambda route: route.fulfill(body=html, content_type="text/html"))
         page.goto(ADDRESS)
         traits = {name: getattr(self.widget, name) for name in ("modules", "controls", "height")}
-        page.evaluate(_RENDER, [self.widget._esm, traits])
+        page.evaluate(_RENDER, [self.widget._esm, traits, self.widget._css, in_shadow])
 
     def kernel(self, act: Callable[[], Any]) -> Any:
         """What comes of it in the kernel."""
@@ -92,8 +96,8 @@ class NotebookCell:
 
 
 @contextmanager
-def notebook_cell(page: Page, session: Session, **options: Any) -> Iterator[NotebookCell]:
-    cell = NotebookCell(page, session, **options)
+def notebook_cell(page: Page, session: Session, in_shadow: bool = False, **options: Any) -> Iterator[NotebookCell]:
+    cell = NotebookCell(page, session, in_shadow, **options)
     try:
         yield cell
     finally:

@@ -49,6 +49,14 @@ def test_the_viewport_is_alone_where_nothing_else_is_asked_for(browser_page: Pag
         assert cell.page.locator(".vs-viewport").bounding_box() == {"x": 8, "y": 8, "width": 1200, "height": 300}
 
 
+@pytest.mark.parametrize("in_shadow", [False, True])
+def test_words_over_the_picture_stand_on_a_panel(in_shadow: bool, browser_page: Page, session: Session) -> None:
+    with notebook_cell(browser_page, session, in_shadow) as cell:
+        scale = cell.page.locator(".vs-scale")
+        cell.until(scale.is_visible)
+        assert scale.evaluate("(element) => getComputedStyle(element).backgroundColor") != "rgba(0, 0, 0, 0)"
+
+
 def test_a_key_over_the_picture_is_no_command_of_the_notebook(browser_page: Page, session: Session) -> None:
     """JupyterLab hears keys before any element does, and leaves out those whose own element says so."""
     with notebook_cell(browser_page, session, controls=True, height=600) as cell:
