@@ -32,8 +32,8 @@ class ClusterCalls:
 
     def begin(self) -> None:
         for place in self._places:
-            call = self._call_first if place is self._places[0] else self._call_in_turn
-            threading.Thread(target=call, args=place, name=f"call {place[0]}", daemon=True).start()
+            target = self._call_first if place is self._places[0] else self._call_in_turn
+            threading.Thread(target=target, args=place, name=f"call {place[0]}", daemon=True).start()
 
     def close(self) -> None:
         self._closed.set()
