@@ -227,8 +227,7 @@ def _opened(path: Path, part: str) -> OpenedVolume:
     if raw_voxels.describes(path, part):
         return raw_voxels.open_raw_voxels(path, part)
     if head.startswith(GZIP_MAGIC):
-        cause = "is packed by gzip twice; unpack it by gunzip" if packed else f"{DAMAGED_GZIP}; fetch the file again"
-        raise BadInput(f"{path}: {cause}")
+        raise BadInput(f"{path}: {'is packed by gzip twice; unpack it by gunzip' if packed else DAMAGED_GZIP}")
     mark, a_gzip = mark_of(head), "a gzip of " if packed else ""
     if mark is not None:
         raise BadInput(f"{path}: is {a_gzip}{mark.what}, which is not read; {mark.cure}")

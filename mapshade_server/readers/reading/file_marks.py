@@ -7,6 +7,7 @@ import stat
 from pathlib import Path
 from typing import NamedTuple
 
+from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
 UNPACK = "unpack it first"
@@ -108,7 +109,7 @@ def mark_of_folder(folder: Path) -> FolderMark | None:
 def _first_bytes(path: Path) -> bytes:
     if not path.is_file():
         return b""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return file.read(HEAD_BYTES)
 
 

@@ -11,7 +11,7 @@ from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
 GZIP_MAGIC = b"\x1f\x8b"
-DAMAGED_GZIP = "its gzip data is damaged or truncated"
+DAMAGED_GZIP = "its gzip data is damaged or truncated; fetch the file again"
 MOST_TEXT_BYTES, TEXT_CHUNK_BYTES = 1 << 30, 1 << 20
 MOST_GROWTH_OF_TEXT = 50  # the densest packed coordinates grow tenfold
 
@@ -29,7 +29,7 @@ def unzipped(path: Path) -> Iterator[BufferedIOBase]:
         try:
             yield file
         except (gzip.BadGzipFile, EOFError, zlib.error):
-            raise BadInput(f"{path}: {DAMAGED_GZIP}; fetch the file again") from None
+            raise BadInput(f"{path}: {DAMAGED_GZIP}") from None
 
 
 def first_bytes(path: Path, count: int) -> bytes:
