@@ -45,6 +45,11 @@ __all__ = ["small_disk"]
 LOCAL = 'launcher = "local"\nthreads = 1\n'
 
 
+def by_hand() -> str:
+    """A machine whose servers a person starts, and which wait for clients."""
+    return f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
+
+
 @pytest.fixture
 def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -195,8 +200,7 @@ def test_a_server_that_hangs_up_without_a_word_decides_nothing_at_first(
 ) -> None:
     """As one does that two clients dial at the same moment."""
     monkeypatch.setattr(cluster_calls, "PAUSE_SECONDS", 0.05)
-    waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
-    path = cluster_file(person.folder, "same-moment", waits)
+    path = cluster_file(person.folder, "same-moment", by_hand())
     assert person.runs("deploy", "up", str(path)).returncode == 0
     running, hello = RunningCluster(path), new_hello(Role.MAPSHADE_SERVER)
     state = running.state()
@@ -439,8 +443,7 @@ def test_servers_end_by_themselves_when_no_client_comes(person: Person) -> None:
 
 
 def test_lines_to_type_by_hand_start_servers_that_join(person: Person) -> None:
-    waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
-    path = cluster_file(person.folder, "by-hand", waits)
+    path = cluster_file(person.folder, "by-hand", by_hand())
     up = person.runs("deploy", "up", str(path))
     lines = [line for line in up.stderr.splitlines() if line.startswith("volsplat ")]
     assert up.returncode == 0 and len(lines) == 2
@@ -457,8 +460,7 @@ def test_lines_to_type_by_hand_start_servers_that_join(person: Person) -> None:
 
 def test_who_is_missing_is_named_with_the_reason(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster_watch, "MISSING_SECONDS", 1.0)
-    waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
-    path = cluster_file(person.folder, "nobody", waits)
+    path = cluster_file(person.folder, "nobody", by_hand())
     assert person.runs("deploy", "up", str(path)).returncode == 0
     with Session(person.folder / "head.nrrd", cluster=path) as session:
         with pytest.raises(PeerLost, match="servers of nobody are missing: .* nobody listens there"):
