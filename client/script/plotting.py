@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 import os
-import sys
 import warnings
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, overload
 
@@ -17,6 +17,7 @@ from volsplat.client.figure.figure import Figure
 from volsplat.client.memory.array_volume import UNPLACED, Volume
 from volsplat.client.scene.presets import PRESETS, Preset, preset_scene
 from volsplat.client.scene.suited import why_unsuited
+from volsplat.client.script.notebook_cells import close_when_cell_runs_again, in_notebook
 from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import Session
@@ -29,7 +30,6 @@ from volsplat.protocol.text.errors import BadInput
 
 GRACE_SECONDS = 600.0
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
 
 
 class UnsuitedPreset(UserWarning):
@@ -153,20 +153,19 @@ def export(
         return _exported(single, scene, place, level, every, light, changes)
 
 
-def in_notebook() -> bool:
-    """Whether a Jupyter kernel runs this, or marimo."""
-    shell, marimo = sys.modules.get("IPython"), sys.modules.get("marimo")
-    in_jupyter = shell is not None and type(shell.get_ipython()).__name__ == NOTEBOOK_SHELL
-    return in_jupyter or (marimo is not None and marimo.running_in_notebook())
-
-
 def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Any:
     from importlib.util import find_spec
 
     if any(find_spec(library) is None for library in ("anywidget", "nicegui")):
         return render(volume, scene, **changes)
-    session = volume if isinstance(volume, Session) else _opened(volume)  # which the kernel's end closes
-    return session.widget(_scene(session.volume, scene, changes))
+    if isinstance(volume, Session):
+        return volume.widget(_scene(volume.volume, scene, changes))
+    with ExitStack() as opening:
+        session = opening.enter_context(_opened(volume))
+        widget = session.widget(_scene(session.volume, scene, changes))
+        opening.callback(widget.close)
+        close_when_cell_runs_again(opening.pop_all())
+    return widget
 
 
 def _opened(volume: Any) -> Session:

@@ -26,6 +26,7 @@ from support.pages import patient_http
 from support.patience import PATIENCE, wait_until
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.script import page_window, plotting
+from volsplat.client.script.notebook_cells import in_notebook
 
 Z, Y, X = np.mgrid[:16, :16, :16] - 8
 BALL = vs.Volume((X * X + Y * Y + Z * Z < 30).astype(np.uint8) * 200, spacing=(1, 1, 1), name="ball")
@@ -139,7 +140,7 @@ def test_a_session_that_is_open_is_drawn_by(image: vs.RenderedImage) -> None:
 @pytest.mark.parametrize("is_cell", [True, False])
 def test_a_cell_of_marimo_is_one_of_a_notebook(is_cell: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "marimo", SimpleNamespace(running_in_notebook=lambda: is_cell))
-    assert plotting.in_notebook() is is_cell
+    assert in_notebook() is is_cell
 
 
 def test_plot_without_a_display_writes_a_picture(tmp_path: Path) -> None:

@@ -1,0 +1,75 @@
+"""What cells of a notebook show: it ends when they run again, since nobody sees it any longer."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import ExitStack
+from typing import Any
+
+NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
+CELL = "cellId"  # how JupyterLab, Jupyter Notebook and VS Code name the cell in each request to run it
+LOOK_SECONDS = 0.5  # marimo calls nobody when a cell ends: its threads look
+
+
+class ShownByCells:
+    """What the last run of each cell of a Jupyter notebook shows, and how that is closed."""
+
+    def __init__(self) -> None:
+        self._by_cell: dict[str, ExitStack] = {}
+
+    def add(self, shown: ExitStack) -> None:
+        """Of the cell that runs; where cells have no names it is the kernel's end that closes it."""
+        shell = _ipython()
+        if (cell := shell.get_parent().get("metadata", {}).get(CELL)) is None:
+            return
+        if not self._by_cell:
+            shell.events.register("pre_run_cell", self._before_run)
+        self._by_cell.setdefault(cell, ExitStack()).push(shown)
+
+    def _before_run(self, run: Any) -> None:
+        """Before anything is opened anew, and takes memory."""
+        if run.cell_id in self._by_cell:
+            self._by_cell.pop(run.cell_id).close()
+
+
+_SHOWN = ShownByCells()
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this, or marimo."""
+    return _in_jupyter() or _in_marimo()
+
+
+def close_when_cell_runs_again(shown: ExitStack) -> None:
+    """Close what the cell that runs shows once it runs again, or in marimo is deleted."""
+    if _in_jupyter():
+        _SHOWN.add(shown)
+    elif _in_marimo():
+        _close_at_cells_end(shown)
+
+
+def _close_at_cells_end(shown: ExitStack) -> None:
+    marimo = sys.modules["marimo"]
+
+    def look() -> None:
+        with shown:
+            while not marimo.current_thread().should_exit:
+                time.sleep(LOOK_SECONDS)
+
+    marimo.Thread(target=look, daemon=True).start()
+
+
+def _in_jupyter() -> bool:
+    return type(_ipython()).__name__ == NOTEBOOK_SHELL
+
+
+def _in_marimo() -> bool:
+    marimo = sys.modules.get("marimo")
+    return marimo is not None and bool(marimo.running_in_notebook())
+
+
+def _ipython() -> Any:
+    """Its shell; None outside of it."""
+    ipython = sys.modules.get("IPython")
+    return None if ipython is None else ipython.get_ipython()
