@@ -10,7 +10,7 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Order
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.image_messages import RGBA_BYTES
-from volsplat.protocol.rules.closed_tiles import TILE_SIDE
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.regions import Region
 from volsplat.splat_server import _kernels
@@ -117,6 +117,24 @@ class FrameAssembly:
         """Of the image, those that its regions' lines are in."""
         begin, end = self.lines
         return slice(begin // TILE_SIDE, -(-end // TILE_SIDE))
+
+    @property
+    def closed_tiles_of_lines(self) -> bytes:
+        """Of the map of closed tiles as it stands those rows."""
+        rows, row = self.rows_of_tiles, tile_map_bytes(self.plan.width, TILE_SIDE)
+        return bytes(self.closed_tiles.cast("B")[rows.start * row : rows.stop * row])
+
+    @property
+    def share_done(self) -> float:
+        """About what share of the splatting is done, 0..1.
+
+        Sheets that are passed count, and of those behind them tiles that are closed, where samples are left out.
+        """
+        (sheet, row), (sheets, rows, _) = self.splat.reached(), self.plan.keys
+        passed = min(1.0, (sheet + row / max(1, rows)) / max(1, sheets))
+        pixels = (self.lines[1] - self.lines[0]) * self.plan.width
+        closed = min(1.0, int.from_bytes(self.closed_tiles_of_lines).bit_count() * TILE_SIDE**2 / max(1, pixels))
+        return 1.0 - (1.0 - passed) * (1.0 - closed)
 
     @property
     def slowest_owner(self) -> OwnerSeconds:

@@ -20,7 +20,6 @@ from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
-from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
 from volsplat.protocol.rules.regions import regions_of
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
@@ -39,6 +38,7 @@ from volsplat.splat_server.slabs import slabs_of
 NEWS_SECONDS = 0.002  # between two news of the merge, and more if maps of closed tiles are large
 NEWS_RATE = 100e6  # bytes a second, over all links
 LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
+PROGRESS_SECONDS = 1.0  # between two reports to the client of how far a frame is
 
 
 log = logging.getLogger(__name__)
@@ -85,6 +85,7 @@ class SplatServer:
         self._planning_seconds = 0.0
         self._reached_told = (0, 0)  # sheet and row, when the workers last heard of the merge
         self._next_news = 0.0
+        self._next_progress = 0.0
 
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
@@ -144,6 +145,7 @@ class SplatServer:
         if complete:
             self._finish_frame(assembly)
             return 0.0
+        self._tell_progress(assembly)
         if not assembly.plan.hides:
             return LOOK_SECONDS
         if (early := self._next_news - time.perf_counter()) > 0:
@@ -188,12 +190,16 @@ class SplatServer:
         counts.add_all("link_held_back_seconds", [(f"from map/shade server {n}", seconds) for n, seconds in held_back])
         counts.add_all("losses", [("map/shade server", 1.0) for _ in self._lost])
 
+    def _tell_progress(self, assembly: FrameAssembly) -> None:
+        if (now := time.perf_counter()) >= self._next_progress:
+            self._next_progress = now + PROGRESS_SECONDS
+            self._outbox.post(messages.FrameProgress(assembly.frame, assembly.share_done))
+
     def _tell_of_merge(self, assembly: FrameAssembly, reached: tuple[int, int], links: list[Connection]) -> None:
         """Have the workers leave out what is hidden, and come after."""
         self._reached_told = reached
         (begin, end), width = assembly.lines, assembly.plan.width
-        rows, row = assembly.rows_of_tiles, tile_map_bytes(width, TILE_SIDE)
-        tile_map = bytes(assembly.closed_tiles.cast("B")[rows.start * row : rows.stop * row])
+        tile_map = assembly.closed_tiles_of_lines
         seconds = max(NEWS_SECONDS, len(tile_map) * len(links) / NEWS_RATE)
         self._next_news = time.perf_counter() + seconds
         news = News(
@@ -266,6 +272,7 @@ class SplatServer:
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         self._frame_began = time.perf_counter()
         self._frame_came = min(self._newest_came, self._frame_began)
+        self._next_progress = self._frame_began + PROGRESS_SECONDS
         self._spans = self._data_links.spans(request.frame) if request.traced else UNTRACED
         self._data_links.begin_frame()
         self._reached_told, self._lost = (0, 0), []

@@ -18,7 +18,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.frame_request import HiddenShare, frame_request
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
-from volsplat.client.coordinator.running_frame import RunningFrame
+from volsplat.client.coordinator.running_frame import RunningFrame, progress_words
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, incomplete
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.region_shares import RegionShares
@@ -30,6 +30,7 @@ from volsplat.protocol.messages.frame_messages import (
     FrameAborted,
     FrameFinished,
     FrameMapped,
+    FrameProgress,
 )
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.image_messages import ImageRead, ReadImage
@@ -256,6 +257,16 @@ class Frames:
             raise RemoteProtocolError(f"the image of frame {frame.frame} is {shown}")
         partial = frame.take(event.server, ImagePart(event.server, rectangle, event.payload, message), message.complete)
         return [partial] if partial else self.publish()
+
+    @takes(FrameProgress, *SURVEYED_PHASES)
+    def _progress(self, message: FrameProgress, event: MessageReceived) -> list[Instruction]:
+        frame = self.current(message.frame)
+        if frame is None or frame.unacknowledged:
+            return []
+        if event.server not in frame.rectangles:
+            raise RemoteProtocolError(f"it draws nothing of frame {frame.frame}")
+        frame.shares_done[event.server] = message.share
+        return [ReportProgress(progress_words(frame.step, frame.share_done))]
 
     def publish(self) -> list[Instruction]:
         """The finished image, once all is here that comes with it."""

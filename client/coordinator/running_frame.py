@@ -13,6 +13,11 @@ from volsplat.protocol.rules.regions import Rectangle, lines_of, rectangle_of
 from volsplat.protocol.text.errors import RemoteProtocolError
 
 
+def progress_words(step: Step, share_done: float) -> str:
+    """How far a frame is, for who waits."""
+    return f"step {step}: {100 * share_done:.0f} %"
+
+
 @dataclass
 class RunningFrame:
     frame: int
@@ -32,6 +37,7 @@ class RunningFrame:
     map_shade: dict[int, MapShadeStats] = field(default_factory=dict)
     splat: dict[int, SplatStats] = field(default_factory=dict)  # of those that have finished
     drawn_at: float = 0.0
+    shares_done: dict[int, float] = field(default_factory=dict)  # by splat server, as far as they have told
 
     @property
     def started(self) -> bool:
@@ -46,6 +52,11 @@ class RunningFrame:
     def done(self, server: int) -> bool:
         """Whether nothing more is to come from a splat server."""
         return server in self.splat and server in self.whole
+
+    @property
+    def share_done(self) -> float:
+        """That of the splat server which is the furthest behind, 0..1."""
+        return min(1.0 if self.done(server) else self.shares_done.get(server, 0.0) for server in self.rectangles)
 
     def start(self, request: RenderFrame, why_level: str) -> None:
         plan, regions = request.plan, request.regions

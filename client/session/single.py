@@ -36,6 +36,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.running_frame import progress_words
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
@@ -87,6 +88,7 @@ if TYPE_CHECKING:
 
 WORKER = 1  # the one map/shade "server"
 LOOK_SECONDS = 0.1  # between two looks at whether something else is wanted
+PROGRESS_SECONDS = 1.0  # between two words of how far a frame is
 TAKEN = handlers(VolumeHolding)
 
 
@@ -253,10 +255,13 @@ class SingleProcess:
         pace = PartialPace(step, partial_interval)
         request, assembly = self._begun(scene, step)
         planned = time.perf_counter()
-        heard = self._news.rung
+        heard, progress_due = self._news.rung, began + PROGRESS_SECONDS
         while not assembly.splat.complete:
             until_partial = shown + (pace.patience or 0.0) - time.perf_counter()
             heard = self._news.wait(heard, min(max(until_partial, 0.0), LOOK_SECONDS))
+            if (now := time.perf_counter()) >= progress_due:
+                self._say(progress_words(step, assembly.share_done))
+                progress_due = now + PROGRESS_SECONDS
             if until_partial <= 0.0:
                 if pace.shows(published := _published(assembly)):
                     yield Refinement(step, published, None)

@@ -140,6 +140,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             b"",
         ),
         (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
+        (messages.FrameProgress(7, 0.375), b""),
         (messages.ReadImage(7), b""),
         (
             messages.ImageRead(7, Step.C, True, 0, 4, 2, 1, messages.RawPixels()),
@@ -398,6 +399,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.FrameFinished: st.builds(
         messages.FrameFinished, ids, st.booleans(), st.lists(ids, max_size=3), _splat_stats
     ),
+    messages.FrameProgress: st.builds(messages.FrameProgress, ids, st.floats(0, 1)),
     messages.ReadImage: st.builds(messages.ReadImage, ids),
     messages.ImageRead: st.builds(
         messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), *[st.integers(0, 8)] * 4, _pixels
