@@ -212,4 +212,4 @@ def test_a_lost_server_is_told_and_all_is_drawn_by_the_others(volume: Path) -> N
 def test_the_command_ends_by_itself_when_no_page_is_open(volume: Path) -> None:
     with viewed(volume.parent, volume, "--workers", "1", "--grace", "0.5") as view:
         assert view.process.wait(PATIENCE) == 0
-        assert any("no page was open" in line for line in view.said)
+    assert any("no page was open" in line for line in view.said)
