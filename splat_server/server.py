@@ -38,7 +38,6 @@ from volsplat.splat_server.slabs import slabs_of
 NEWS_SECONDS = 0.002  # between two news of the merge, and more if maps of closed tiles are large
 NEWS_RATE = 100e6  # bytes a second, over all links
 LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
-PROGRESS_SECONDS = 1.0  # between two reports to the client of how far a frame is
 
 
 log = logging.getLogger(__name__)
@@ -85,7 +84,6 @@ class SplatServer:
         self._planning_seconds = 0.0
         self._reached_told = (0, 0)  # sheet and row, when the workers last heard of the merge
         self._next_news = 0.0
-        self._next_progress = 0.0
 
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
@@ -145,7 +143,6 @@ class SplatServer:
         if complete:
             self._finish_frame(assembly)
             return 0.0
-        self._tell_progress(assembly)
         if not assembly.plan.hides:
             return LOOK_SECONDS
         if (early := self._next_news - time.perf_counter()) > 0:
@@ -189,11 +186,6 @@ class SplatServer:
         held_back = stats.held_back_seconds.items()
         counts.add_all("link_held_back_seconds", [(f"from map/shade server {n}", seconds) for n, seconds in held_back])
         counts.add_all("losses", [("map/shade server", 1.0) for _ in self._lost])
-
-    def _tell_progress(self, assembly: FrameAssembly) -> None:
-        if (now := time.perf_counter()) >= self._next_progress:
-            self._next_progress = now + PROGRESS_SECONDS
-            self._outbox.post(messages.FrameProgress(assembly.frame, assembly.share_done))
 
     def _tell_of_merge(self, assembly: FrameAssembly, reached: tuple[int, int], links: list[Connection]) -> None:
         """Have the workers leave out what is hidden, and come after."""
@@ -268,11 +260,15 @@ class SplatServer:
         except Exception as error:
             self._outbox.post(refusal(request, error))
 
+    @takes(messages.ReadProgress)
+    def _read_progress(self, request: messages.ReadProgress) -> None:
+        if self._assembly is not None and self._assembly.frame == request.frame:
+            self._outbox.post(messages.FrameProgress(request.frame, self._assembly.share_done))
+
     def _begin(self, request: messages.RenderFrame) -> None:
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         self._frame_began = time.perf_counter()
         self._frame_came = min(self._newest_came, self._frame_began)
-        self._next_progress = self._frame_began + PROGRESS_SECONDS
         self._spans = self._data_links.spans(request.frame) if request.traced else UNTRACED
         self._data_links.begin_frame()
         self._reached_told, self._lost = (0, 0), []

@@ -116,6 +116,11 @@ class PartialImageAsked:
 
 
 @dataclass(frozen=True)
+class ProgressAsked:
+    frame: int
+
+
+@dataclass(frozen=True)
 class AbortAsked:
     frame: int
 
@@ -177,6 +182,7 @@ Event = (
     | VolumeAsked
     | FrameAsked
     | PartialImageAsked
+    | ProgressAsked
     | AbortAsked
     | Question
 )

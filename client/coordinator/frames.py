@@ -13,6 +13,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
     PartialImageAsked,
+    ProgressAsked,
     ReportProgress,
     Send,
 )
@@ -31,6 +32,7 @@ from volsplat.protocol.messages.frame_messages import (
     FrameFinished,
     FrameMapped,
     FrameProgress,
+    ReadProgress,
 )
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.image_messages import ImageRead, ReadImage
@@ -207,6 +209,7 @@ class Frames:
             return []
         if frame.unacknowledged:
             return self._acknowledged(frame, lost.id)
+        frame.asked_how_far.discard(lost.id)
         if lost.id not in frame.rectangles or frame.done(lost.id):
             return []
         shown = frame.left_by(lost.id)
@@ -258,14 +261,24 @@ class Frames:
         partial = frame.take(event.server, ImagePart(event.server, rectangle, event.payload, message), message.complete)
         return [partial] if partial else self.publish()
 
+    @takes(ProgressAsked)
+    def read_progress(self, event: ProgressAsked) -> list[Instruction]:
+        """One question at a time: who is slow to answer is not asked more often."""
+        frame = self.current(event.frame)
+        if frame is None or frame.unacknowledged or frame.asked_how_far:
+            return []
+        frame.asked_how_far = {server for server in frame.rectangles if not frame.done(server)}
+        return [Send(server, ReadProgress(frame=event.frame)) for server in sorted(frame.asked_how_far)]
+
     @takes(FrameProgress, *SURVEYED_PHASES)
     def _progress(self, message: FrameProgress, event: MessageReceived) -> list[Instruction]:
         frame = self.current(message.frame)
         if frame is None or frame.unacknowledged:
             return []
-        if event.server not in frame.rectangles:
-            raise RemoteProtocolError(f"it draws nothing of frame {frame.frame}")
         frame.shares_done[event.server] = message.share
+        frame.asked_how_far.discard(event.server)
+        if frame.asked_how_far:
+            return []
         return [ReportProgress(progress_words(frame.step, frame.share_done))]
 
     def publish(self) -> list[Instruction]:
@@ -297,7 +310,9 @@ class Frames:
         assert frame.unacknowledged <= set(self._drawing()), "a server that does not draw must acknowledge an abort"
         drawing = {server for server in frame.rectangles if not frame.done(server)}
         assert frame.awaited <= drawing, "a partial image waits for a part that is whole"
-        gone = drawing - set(self._servers.splat_servers)
+        there = set(self._servers.splat_servers)
+        assert frame.unacknowledged or frame.asked_how_far <= there, "a server that is gone is asked how far it is"
+        gone = drawing - there
         assert frame.unacknowledged or not gone, "a part of the image is awaited of a server that is gone"
         assert frame.map_shade.keys() <= self._holding.boxes.keys(), "a frame counts a server that holds nothing"
         assert frame.finished(self._holding.boxes) is None, "a frame that is whole was not published"

@@ -14,7 +14,7 @@ from volsplat.protocol.text.errors import RemoteProtocolError
 
 
 def progress_words(step: Step, share_done: float) -> str:
-    """How far a frame is, for who waits."""
+    """For who waits for a frame."""
     return f"step {step}: {100 * share_done:.0f} %"
 
 
@@ -37,7 +37,8 @@ class RunningFrame:
     map_shade: dict[int, MapShadeStats] = field(default_factory=dict)
     splat: dict[int, SplatStats] = field(default_factory=dict)  # of those that have finished
     drawn_at: float = 0.0
-    shares_done: dict[int, float] = field(default_factory=dict)  # by splat server, as far as they have told
+    asked_how_far: set[int] = field(default_factory=set)  # splat servers that have not said yet how far they are
+    shares_done: dict[int, float] = field(default_factory=dict)  # by splat server, as far as they have said
 
     @property
     def started(self) -> bool:

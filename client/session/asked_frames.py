@@ -67,7 +67,7 @@ class AskedFrames:
             self.give(EndFrame(frame, error))
 
 
-def next_image(answers: Answers, patience: float | None) -> PublishImage | None:
+def next_image(answers: Answers, patience: float) -> PublishImage | None:
     """The next image of a frame, or None after `patience` seconds. Raises what ended it otherwise."""
     try:
         answer = answers.get(timeout=patience)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Collection, Generator, Iterator
 
-from volsplat.client.coordinator.coordinator_events import AbortAsked, FrameAsked, PartialImageAsked, PublishImage
+from volsplat.client.coordinator.coordinator_events import (
+    AbortAsked,
+    FrameAsked,
+    PartialImageAsked,
+    ProgressAsked,
+    PublishImage,
+)
 from volsplat.client.coordinator.server_states import ImageIncomplete, VolumeIncomplete
 from volsplat.client.session.asked_frames import Answers, FrameGivenUp, next_image
 from volsplat.client.session.coordination import Coordination
 from volsplat.client.session.frame_counts import count_outcome
 from volsplat.client.session.published_image import PublishedImage
-from volsplat.client.session.renderer import PartialPace, Refinement, StepOutcome, refined
+from volsplat.client.session.renderer import PROGRESS_SECONDS, PartialPace, Refinement, StepOutcome, refined
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.program.counts import Counts
 from volsplat.program.room_for_image import check_room_for_image
@@ -40,7 +47,7 @@ class AskedImages:
         while True:
             frame, answers = self._ask(scene, step, require_complete=True, after=frame)
             try:
-                *_, finished = self._drawn(frame, answers, step, partial_interval=None)
+                *_, finished = self._drawn(frame, answers, step, partial_interval=math.inf)
                 return finished
             except ImageIncomplete:  # others take over, and can draw all of it
                 continue
@@ -94,7 +101,7 @@ class AskedImages:
         self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, thinning))
         return frame, answers
 
-    def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
+    def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         started = time.perf_counter()
         try:
@@ -114,20 +121,25 @@ class AskedImages:
         yield Refinement(step, image, outcome)
 
     def _until_finished(
-        self, frame: int, answers: Answers, step: Step, partial_interval: float | None
+        self, frame: int, answers: Answers, step: Step, partial_interval: float
     ) -> Generator[Refinement, None, PublishImage]:
         """Partial images that are worth showing; returns the finished one."""
-        pace = PartialPace(step, partial_interval)
-        patience = pace.patience
-        while (answer := next_image(answers, patience)) is None or answer.outcome is None:
-            if answer is None:
-                self._coordination.tell(PartialImageAsked(frame))
-                patience = None  # one request at a time: its image or the finished one will come
-            else:
+        pace, now = PartialPace(step, partial_interval), time.monotonic()
+        look_at, ask_at = now + pace.patience, now + PROGRESS_SECONDS
+        while (answer := next_image(answers, max(0.0, min(look_at, ask_at) - now))) is None or answer.outcome is None:
+            now = time.monotonic()
+            if answer is not None:
                 published = _published(answer)
                 if pace.shows(published, answer.missing):
                     yield Refinement(step, published, None, answer.missing)
-                patience = pace.patience
+                now = time.monotonic()
+                look_at = now + pace.patience
+            elif now >= look_at:
+                self._coordination.tell(PartialImageAsked(frame))
+                look_at = math.inf  # one request at a time: its image or the finished one will come
+            elif now >= ask_at:
+                self._coordination.tell(ProgressAsked(frame))
+                ask_at = now + PROGRESS_SECONDS
         return answer
 
     def _log(self, event: str, line: str, frame: int) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 PARTIAL_INTERVAL = 0.1  # seconds between partial images
+PROGRESS_SECONDS = 1.0  # between two words of how far a frame is
 SOONER = 0.2  # of that interval, after which slabs are looked at until the first of them show anything
 FILE_SECONDS = 2.0  # that a voxel of the file is waited for
 ALL_STEPS = tuple(Step)
@@ -67,16 +68,14 @@ class PartialPace:
     Step G shows slab by slab, from the front: its first slabs should be seen soon, and nothing is no news.
     """
 
-    def __init__(self, step: Step, interval: float | None) -> None:
-        """None: never."""
+    def __init__(self, step: Step, interval: float) -> None:
+        """Seconds between two looks; infinity: never."""
         self._interval = interval
         self._waits_for_slabs = step not in PAPER_STEPS
 
     @property
-    def patience(self) -> float | None:
+    def patience(self) -> float:
         """Seconds until the next look."""
-        if self._interval is None:
-            return None
         return self._interval * (SOONER if self._waits_for_slabs else 1.0)
 
     def shows(self, published: PublishedImage, undrawn: tuple[Rectangle, ...] = ()) -> bool:

@@ -47,6 +47,7 @@ from volsplat.client.session.renderer import (
     ALL_STEPS,
     FILE_SECONDS,
     PARTIAL_INTERVAL,
+    PROGRESS_SECONDS,
     PartialPace,
     Refinement,
     StepOutcome,
@@ -88,7 +89,6 @@ if TYPE_CHECKING:
 
 WORKER = 1  # the one map/shade "server"
 LOOK_SECONDS = 0.1  # between two looks at whether something else is wanted
-PROGRESS_SECONDS = 1.0  # between two words of how far a frame is
 TAKEN = handlers(VolumeHolding)
 
 
@@ -257,7 +257,7 @@ class SingleProcess:
         planned = time.perf_counter()
         heard, progress_due = self._news.rung, began + PROGRESS_SECONDS
         while not assembly.splat.complete:
-            until_partial = shown + (pace.patience or 0.0) - time.perf_counter()
+            until_partial = shown + pace.patience - time.perf_counter()
             heard = self._news.wait(heard, min(max(until_partial, 0.0), LOOK_SECONDS))
             if (now := time.perf_counter()) >= progress_due:
                 self._say(progress_words(step, assembly.share_done))

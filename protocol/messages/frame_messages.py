@@ -29,7 +29,7 @@ from volsplat.protocol.messages.message import (
     asks,
     says,
 )
-from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, DATA_LINK_TO_SPLAT, SPLAT_TO_CLIENT
+from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, DATA_LINK_TO_SPLAT
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -142,12 +142,18 @@ class FrameFinished(Message, frozen=True):
     stats: SplatStats
 
 
-@says(SPLAT_TO_CLIENT)
 class FrameProgress(Message, frozen=True):
-    """Splat server to client, once a second: about what share of the frame's splatting it has done."""
+    """Splat server to client: about what share of the frame's splatting it has done."""
 
     frame: FrameId
     share: Annotated[float, Meta(ge=0, le=1)]
+
+
+@asks(CLIENT_TO_SPLAT, FrameProgress, at_once=MAX_SERVERS, newest=True)
+class ReadProgress(Message, frozen=True):
+    """Client to splat server: how far is this frame?"""
+
+    frame: FrameId
 
 
 class FrameDrawn(msgspec.Struct, frozen=True):

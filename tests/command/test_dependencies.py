@@ -48,6 +48,7 @@ DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
     "skimage": "scikit-image",
     "vtkmodules": "vtk",
     "aiohttp": "fsspec",
+    "jupyter_client": "jupyter-client",
     "kubernetes_validate": "kubernetes-validate",
     "prometheus_client": "prometheus-client",
 }

@@ -1,6 +1,7 @@
 """Sessions with real servers on real sockets: refinement, newest frame wins, losses."""
 
 import gc
+import re
 import signal
 import threading
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from tolerances import ROUNDING
 from volsplat.client import Session
+from volsplat.client.session import asked_images
+from volsplat.client.session import single as single_process
 from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.single import SingleProcess
@@ -100,6 +103,20 @@ def test_refinement_may_begin_and_end_at_any_step(session: Session, single: Sing
         drawn = list(renderer.refine(skin(renderer), first=Step.C, last=Step.D, partial_interval=1e9))
         assert [refinement.step for refinement in drawn] == [Step.C, Step.D]
         assert torch.equal(drawn[0].image, single.render(skin(single), Step.C))
+
+
+@pytest.mark.parametrize("kind", [Session, SingleProcess])
+def test_who_waits_is_told_how_far_a_frame_is(
+    head: Path, kind: type[Session] | type[SingleProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asked_images, "PROGRESS_SECONDS", 0.001)
+    monkeypatch.setattr(single_process, "PROGRESS_SECONDS", 0.001)
+    said: list[str] = []
+    with kind(head, threads=1, on_progress=said.append) as renderer:
+        scene = skin(renderer, Image(width=512, height=512))
+        wait_until(lambda: renderer.finish(scene, Step.G) and any("%" in line for line in said), "told")
+    shares = [int(found[1]) for line in said if (found := re.fullmatch(r"step G: (\d+) %", line))]
+    assert shares and all(0 <= share <= 100 for share in shares)
 
 
 def test_a_partial_image_lies_over_the_finished_step_before(single: SingleProcess) -> None:

@@ -44,6 +44,8 @@ from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
     PartialImageAsked,
+    ProgressAsked,
+    ReportProgress,
     Send,
     ServerLost,
     VolumeAsked,
@@ -109,6 +111,41 @@ def test_a_partial_image_is_there_once_all_have_answered() -> None:
     (shown,) = published(coordinator.handle(image(request, LEFT, False)))
     check_whole(shown)
     assert not shown.complete
+
+
+def says_how_far(coordinator: CheckedCoordinator, server: int, share: float) -> list[Instruction]:
+    return coordinator.handle(said(server, messages.FrameProgress(1, share)))
+
+
+def test_the_one_that_is_behind_says_how_far_a_frame_is() -> None:
+    coordinator = drawing_big()
+    assert sent(coordinator.handle(ProgressAsked(1))) == [(server, messages.ReadProgress) for server in THREE]
+    assert says_how_far(coordinator, SPLAT, 0.75) == says_how_far(coordinator, LOST, 0.25) == []
+    assert coordinator.handle(ProgressAsked(1)) == [], "one of them is slow to answer"
+    assert says_how_far(coordinator, LEFT, 0.5) == [ReportProgress("step F: 25 %")]
+    request = running(coordinator)
+    for event in (finished(request, LOST), image(request, LOST, complete=True)):
+        coordinator.handle(event)
+    assert sent(coordinator.handle(ProgressAsked(1))) == [(server, messages.ReadProgress) for server in (SPLAT, LEFT)]
+    assert says_how_far(coordinator, SPLAT, 0.75) == []
+    assert says_how_far(coordinator, LEFT, 0.6) == [ReportProgress("step F: 60 %")], "who has finished is not behind"
+
+
+def test_one_that_finished_and_was_lost_is_not_asked_how_far_it_is() -> None:
+    coordinator = drawing_big()
+    request = running(coordinator)
+    coordinator.handle(ProgressAsked(1))
+    for event in (finished(request, LOST), image(request, LOST, complete=True), ServerLost(LOST, GONE)):
+        coordinator.handle(event)
+    assert says_how_far(coordinator, SPLAT, 0.75) == []
+    assert says_how_far(coordinator, LEFT, 0.6) == [ReportProgress("step F: 60 %")]
+
+
+def test_nobody_is_asked_how_far_an_aborted_frame_is() -> None:
+    coordinator = drawing_big()
+    coordinator.handle(ProgressAsked(1))
+    coordinator.handle(AbortAsked(1))
+    assert coordinator.handle(ProgressAsked(1)) == says_how_far(coordinator, SPLAT, 0.75) == []
 
 
 def test_a_splat_server_is_lost_amid_a_frame_and_the_others_draw_it_anew() -> None:

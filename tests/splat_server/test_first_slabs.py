@@ -1,5 +1,6 @@
 """The first slabs of step G are seen while voxels are still being sent, and an image without any is not shown."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -54,4 +55,4 @@ def test_what_is_lost_is_shown_at_once() -> None:
 def test_other_steps_are_looked_at_as_often_as_is_wished(step: Step) -> None:
     pace = PartialPace(step, 1.0)
     assert pace.patience == 1.0 and pace.shows(EMPTY)
-    assert PartialPace(step, None).patience is None
+    assert PartialPace(step, math.inf).patience == math.inf

@@ -140,6 +140,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             b"",
         ),
         (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
+        (messages.ReadProgress(7), b""),
         (messages.FrameProgress(7, 0.375), b""),
         (messages.ReadImage(7), b""),
         (
@@ -399,6 +400,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.FrameFinished: st.builds(
         messages.FrameFinished, ids, st.booleans(), st.lists(ids, max_size=3), _splat_stats
     ),
+    messages.ReadProgress: st.builds(messages.ReadProgress, ids),
     messages.FrameProgress: st.builds(messages.FrameProgress, ids, st.floats(0, 1)),
     messages.ReadImage: st.builds(messages.ReadImage, ids),
     messages.ImageRead: st.builds(
