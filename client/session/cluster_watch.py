@@ -51,18 +51,22 @@ class ClusterWatch:
         self._missing_since: dict[str, float] = {}  # time.monotonic()
         self._restarts = defaultdict[str, RestartLimit](RestartLimit)
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="watch the cluster", daemon=True)
+        self._starting = threading.Lock()  # held while servers are started anew
 
     def begin(self) -> None:
-        self._thread.start()
+        threading.Thread(target=self._watch, name="watch the cluster", daemon=True).start()
 
     def close(self) -> None:
+        """No other server is started anew."""
         self._closed.set()
 
     def join(self) -> None:
-        """Wait until a server that is being started anew is: nobody would know of it."""
-        if self._thread.ident is not None:
-            self._thread.join()
+        """Once closed, wait until a server that is being started anew is: nobody would know of it.
+
+        A machine that is being asked is not waited for: one that hangs answers after a minute, or never.
+        """
+        with self._starting:
+            pass
 
     def _watch(self) -> None:
         began, seen = time.monotonic(), set[str]()
@@ -92,6 +96,8 @@ class ClusterWatch:
         Those that were `seen` in the session should dial again at once; others that are started anew were not.
         """
         looked = self._looked(missing, seen) if missing else Looked([], set())
+        if self._closed.is_set():
+            return
         again = [name for name in looked.ended if self._restarts[name].may_restart()]
         if again:
             seen.difference_update(again)
@@ -146,14 +152,17 @@ class ClusterWatch:
         return False
 
     def _start_anew(self, names: Collection[str]) -> None:
-        try:
+        with self._starting:
+            if self._closed.is_set():
+                return
             try:
-                self._running.up(self._report, anew=names)
-            finally:
-                if (state := self._running.state()) is not None:
-                    self._known = {one.started.name: one for one in state.servers}
-        except VolsplatError as error:
-            self._report(str(error))
+                try:
+                    self._running.up(self._report, anew=names)
+                finally:
+                    if (state := self._running.state()) is not None:
+                        self._known = {one.started.name: one for one in state.servers}
+            except VolsplatError as error:
+                self._report(str(error))
 
     @property
     def _asked_where_they_run(self) -> set[str]:

@@ -238,7 +238,7 @@ def _on_all(machines: list[int], act: Callable[[int], Result]) -> dict[int, Resu
 
     try:
         for number, done in acting.items():
-            threading.Thread(target=act_on, args=(number, done), name=f"machine {number}").start()
+            threading.Thread(target=act_on, args=(number, done), name=f"machine {number}", daemon=True).start()
         wait(acting.values())
     finally:
         wait([done for done in acting.values() if not done.cancel()])

@@ -1,10 +1,12 @@
 """The launcher `ssh`: OpenSSH itself, with the user's own config, keys and jump hosts."""
 
+import atexit
 import random
 import re
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -101,20 +103,30 @@ def _was_turned_away(ran: "subprocess.CompletedProcess[str]") -> bool:
 
 
 def _ran(machine: Machine, script: str, given: str) -> "subprocess.CompletedProcess[str]":
+    pipe = subprocess.PIPE
+    command = ssh_command(machine, script)
     try:
-        return subprocess.run(
-            ssh_command(machine, script),
-            input=given,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=SSH_SECONDS,
-        )
+        ssh = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, encoding="utf-8", errors="replace")
     except FileNotFoundError as error:
         raise BadInput(NO_SSH) from error
-    except subprocess.TimeoutExpired as error:
-        host = machine.host
-        raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
+    with ssh, _ended_with_this_process(ssh):
+        try:
+            said, complaints = ssh.communicate(given, timeout=SSH_SECONDS)
+        except subprocess.TimeoutExpired as error:
+            host = machine.host
+            raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
+    return subprocess.CompletedProcess(command, ssh.returncode, said, complaints)
+
+
+@contextmanager
+def _ended_with_this_process(ssh: "subprocess.Popen[str]") -> Iterator[None]:
+    """One that hangs is not waited for at the end: it would be left behind, and hang on."""
+    atexit.register(ssh.kill)
+    try:
+        yield
+    finally:
+        ssh.kill()
+        atexit.unregister(ssh.kill)
 
 
 def _after_greetings(said: str) -> str:

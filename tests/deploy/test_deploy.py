@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from volsplat.client.session import cluster_calls, cluster_watch
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
+from volsplat.deploy.launchers import ssh as ssh_launcher
 from volsplat.protocol.messages.messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
@@ -489,6 +491,35 @@ def test_the_others_draw_without_a_machine_that_nothing_is_heard_of(
     finally:
         psutil.Process(int(handles(person)[-1]["process"])).kill()
         person.runs("deploy", "down", str(path))
+
+
+def test_a_session_ends_at_once_though_a_machine_that_is_asked_hangs(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs, asked, program = tmp_path / "hangs", tmp_path / "asked", tmp_path / "bin" / "ssh"
+    program.parent.mkdir()
+    program.write_text(
+        f"#!/bin/sh\n[ ! -e {hangs} ] || {{ echo $$ > {asked}; exec sleep {PATIENCE} > /dev/null; }}\n"
+        f'exec {shutil.which("ssh")} "$@"\n',
+        encoding="utf-8",
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+    monkeypatch.setattr(ssh_launcher, "SSH_SECONDS", PATIENCE)
+    with sshd(tmp_path / "asked-there") as ssh:
+        path = cluster_file(person.folder, f"hangs-{os.getpid()}", *both_kinds_and(ssh))
+        assert person.runs("deploy", "up", str(path)).returncode == 0
+        try:
+            with Session(person.folder / "head.nrrd", cluster=path) as session:
+                session.default_scene()
+                hangs.touch()
+                os.kill(int(handles(person)[-1]["process"]), signal.SIGKILL)
+                wait_until(lambda: asked.exists() and asked.read_text(), "asked")
+            assert psutil.pid_exists(int(asked.read_text())), "it was waited for"
+        finally:
+            psutil.Process(int(asked.read_text())).kill()
+            hangs.unlink()
+            assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
 def test_the_others_draw_without_a_server_that_runs_and_does_not_dial(
