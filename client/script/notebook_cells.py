@@ -1,4 +1,4 @@
-"""What cells of a notebook show: it ends when they run again, since nobody sees it any longer."""
+"""What cells of a notebook show: it ends when they run again or are deleted, since nobody sees it any longer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from contextlib import ExitStack
 from typing import Any
 
 NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
-CELL = "cellId"  # how JupyterLab, Jupyter Notebook and VS Code name the cell in each request to run it
+CELL = "cellId"  # how JupyterLab, Jupyter Notebook and VS Code name the cell in each request to run it, and …
+DELETED = "deletedCells"  # … the first two those that were deleted since the request before
 LOOK_SECONDS = 0.5  # marimo calls nobody when a cell ends: its threads look
 
 
@@ -20,17 +21,17 @@ class ShownByCells:
 
     def add(self, shown: ExitStack) -> None:
         """Of the cell that runs; where cells have no names it is the kernel's end that closes it."""
-        shell = _ipython()
-        if (cell := shell.get_parent().get("metadata", {}).get(CELL)) is None:
+        if (cell := _request_data().get(CELL)) is None:
             return
         if not self._by_cell:
-            shell.events.register("pre_run_cell", self._before_run)
+            _ipython().events.register("pre_run_cell", self._before_run)
         self._by_cell.setdefault(cell, ExitStack()).push(shown)
 
     def _before_run(self, run: Any) -> None:
         """Before anything is opened anew, and takes memory."""
-        if run.cell_id in self._by_cell:
-            self._by_cell.pop(run.cell_id).close()
+        for cell in (run.cell_id, *_request_data().get(DELETED, ())):
+            if cell in self._by_cell:
+                self._by_cell.pop(cell).close()
 
 
 _SHOWN = ShownByCells()
@@ -42,7 +43,7 @@ def in_notebook() -> bool:
 
 
 def close_when_cell_runs_again(shown: ExitStack) -> None:
-    """Close what the cell that runs shows once it runs again, or in marimo is deleted."""
+    """Close what the cell that runs shows once it runs again or is deleted."""
     if _in_jupyter():
         _SHOWN.add(shown)
     elif _in_marimo():
@@ -67,6 +68,12 @@ def _in_jupyter() -> bool:
 def _in_marimo() -> bool:
     marimo = sys.modules.get("marimo")
     return marimo is not None and bool(marimo.running_in_notebook())
+
+
+def _request_data() -> dict[str, Any]:
+    """What the notebook said about the cell that it asked to run."""
+    told: dict[str, Any] = _ipython().get_parent().get("metadata", {})
+    return told
 
 
 def _ipython() -> Any:

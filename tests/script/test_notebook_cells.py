@@ -1,8 +1,8 @@
-"""Cells of a notebook that run again, in a real kernel: what they showed before ends."""
+"""Cells of a notebook that run again or are deleted, in a real kernel: what they showed ends."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,10 +30,10 @@ class Notebook:
     asks: BlockingKernelClient
     process: psutil.Process
 
-    def run(self, code: str, cell: str | None) -> None:
+    def run(self, code: str, cell: str | None, deleted: Sequence[str] = ()) -> None:
         """As JupyterLab asks for it, or with None as a program that names no cells."""
         content = {"code": code, "silent": False, "store_history": True, "user_expressions": {}, "allow_stdin": False}
-        named = {} if cell is None else {"cellId": cell}
+        named = {} if cell is None else {"cellId": cell, "deletedCells": list(deleted)}
         request = self.asks.session.msg("execute_request", content, metadata=named)
         self.asks.shell_channel.send(request)
         reply = self.asks._recv_reply(request["header"]["msg_id"], timeout=PATIENCE)
@@ -62,7 +62,7 @@ def notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Notebo
         kernel.shutdown_kernel()
 
 
-def test_a_cell_that_runs_again_ends_what_it_showed(notebook: Notebook) -> None:
+def test_a_cell_that_runs_again_or_is_deleted_ends_what_it_showed(notebook: Notebook) -> None:
     notebook.run(PLOT, "a")
     first = notebook.servers()
     notebook.run(PLOT, "b")
@@ -76,6 +76,8 @@ def test_a_cell_that_runs_again_ends_what_it_showed(notebook: Notebook) -> None:
 
     notebook.run("1 + 1", "a")
     assert notebook.servers() == second, "it need not show anything again"
+    notebook.run("1 + 1", "c", deleted=["a", "b"])
+    assert not notebook.servers()
 
 
 def test_what_a_cell_opened_by_itself_stays_open(notebook: Notebook) -> None:
