@@ -120,7 +120,7 @@ class FrameAssembly:
 
     @property
     def closed_tiles_of_lines(self) -> bytes:
-        """Of the map of closed tiles as it stands those rows."""
+        """The rows of the map of closed tiles that its lines are in, as they stand."""
         rows, row = self.rows_of_tiles, tile_map_bytes(self.plan.width, TILE_SIDE)
         return bytes(self.closed_tiles.cast("B")[rows.start * row : rows.stop * row])
 

@@ -56,7 +56,7 @@ class RunningFrame:
 
     @property
     def share_done(self) -> float:
-        """That of the splat server which is the furthest behind, 0..1."""
+        """What the splat server that is the furthest behind has done of its part, 0..1."""
         return min(1.0 if self.done(server) else self.shares_done.get(server, 0.0) for server in self.rectangles)
 
     def start(self, request: RenderFrame, why_level: str) -> None:

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from typing import Any
 
 NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
-CELL = "cellId"  # how JupyterLab, Jupyter Notebook and VS Code name the cell in each request to run it, and …
-DELETED = "deletedCells"  # … the first two those that were deleted since the request before
-LOOK_SECONDS = 0.5  # marimo calls nobody when a cell ends: its threads look
+CELL = "cellId"  # by which JupyterLab, Jupyter Notebook and VS Code name the cell when they ask to run it
+DELETED = "deletedCells"  # by which the first two name those that were deleted since they last asked
+LOOK_SECONDS = 0.5  # marimo tells nobody that a cell runs again or is deleted; a thread of the cell can ask
 
 
 class ShownByCells:
@@ -28,10 +28,15 @@ class ShownByCells:
         self._by_cell.setdefault(cell, ExitStack()).push(shown)
 
     def _before_run(self, run: Any) -> None:
-        """Before anything is opened anew, and takes memory."""
-        for cell in (run.cell_id, *_request_data().get(DELETED, ())):
-            if cell in self._by_cell:
-                self._by_cell.pop(cell).close()
+        """Before anything is opened anew, and takes memory.
+
+        The cell is that of the run, not of the request: a cell's magic may run another one within it.
+        """
+        due = (getattr(run, "cell_id", None), *_request_data().get(DELETED, ()))  # none before IPython 8.3
+        with ExitStack() as ending:
+            for cell in due:
+                if cell in self._by_cell:
+                    ending.push(self._by_cell.pop(cell))
 
 
 _SHOWN = ShownByCells()
@@ -52,6 +57,8 @@ def close_when_cell_runs_again(shown: ExitStack) -> None:
 
 def _close_at_cells_end(shown: ExitStack) -> None:
     marimo = sys.modules["marimo"]
+    if not hasattr(marimo, "current_thread"):  # older ones have none
+        return
 
     def look() -> None:
         with shown:

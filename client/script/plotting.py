@@ -158,10 +158,8 @@ def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[
 
     if any(find_spec(library) is None for library in ("anywidget", "nicegui")):
         return render(volume, scene, **changes)
-    if isinstance(volume, Session):
-        return volume.widget(_scene(volume.volume, scene, changes))
     with ExitStack() as opening:
-        session = opening.enter_context(_opened(volume))
+        session = volume if isinstance(volume, Session) else opening.enter_context(_opened(volume))
         widget = session.widget(_scene(session.volume, scene, changes))
         opening.callback(widget.close)
         close_when_cell_runs_again(opening.pop_all())

@@ -132,7 +132,8 @@ class ClusterWatch:
         try:
             return self._running.statuses()
         except VolsplatError as error:
-            self._report(str(error))
+            if not self._closed.is_set():
+                self._report(str(error))
             return []
 
     def _has_ended(self, one: KnownServer, said: Said, is_frozen: bool) -> bool:

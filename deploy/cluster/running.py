@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
@@ -14,7 +15,7 @@ import msgspec
 from volsplat.deploy.cluster.orders import Ordered, everywhere_for, ordered
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
-from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState
+from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
 from volsplat.deploy.launchers.table import launcher_of
 from volsplat.deploy.tunnels.ports import last_port
 from volsplat.deploy.tunnels.tunnels import Tunnels
@@ -84,9 +85,10 @@ class RunningCluster:
         """
         with self.folder.locked():
             state = self.state() or ClusterState(file=self._text, listen_port=_free_port(self.cluster))
-            said = self._states(self.cluster, state)
-            living = [one for one in state.servers if said[one.started.name].state is not ServerState.ENDED]
-            self._stop(self.cluster, [one for one in living if one.started.name in anew])
+            asked = [one for one in state.servers if not anew or one.started.name in anew]
+            said = self._states(self.cluster, asked)
+            living = [one for one in asked if said[one.started.name].state is not ServerState.ENDED]
+            self._stop(self.cluster, living if anew else [])
             known = {one.started.name: one for one in (state.servers if anew else living)}
             wanted = ordered(self.cluster, state.listen_port)
             due = set(anew) or {one.order.name for one in wanted} - known.keys()
@@ -162,19 +164,21 @@ class RunningCluster:
         state = self.folder.load()
         if state is None:
             return []
-        said = self._states(cluster_from_toml(state.file, str(self.path)), state)
+        said = self._states(cluster_from_toml(state.file, str(self.path)), state.servers)
         return [(one, said[one.started.name]) for one in state.servers]
 
-    def _states(self, cluster: Cluster, state: ClusterState) -> dict[str, Said]:
+    def _states(self, cluster: Cluster, servers: Collection[KnownServer]) -> dict[str, Said]:
+        by_machine = defaultdict[int, list[StartedServer]](list)
+        for one in servers:
+            by_machine[one.machine].append(one.started)
+
         def ask(number: int) -> Mapping[str, Said]:
-            servers = [one.started for one in state.servers if one.machine == number]
-            return self._launcher(cluster, number).states(servers)
+            return self._launcher(cluster, number).states(by_machine[number])
 
         told: dict[str, Said] = {}
-        for number, result in _on_all(sorted({one.machine for one in state.servers}), ask).items():
+        for number, result in _on_all(sorted(by_machine), ask, may_be_left=True).items():
             if isinstance(result, Failed):
-                servers = [one.started for one in state.servers if one.machine == number]
-                told |= {server.name: Said(ServerState.UNKNOWN, result.reason) for server in servers}
+                told |= {server.name: Said(ServerState.UNKNOWN, result.reason) for server in by_machine[number]}
             else:
                 told |= result
         return told
@@ -219,10 +223,11 @@ class RunningCluster:
         return launcher_of(cluster.machines[number], self.folder.path)
 
 
-def _on_all(machines: list[int], act: Callable[[int], Result]) -> dict[int, Result | Failed]:
+def _on_all(machines: list[int], act: Callable[[int], Result], may_be_left: bool = False) -> dict[int, Result | Failed]:
     """Act on every machine at once. An interruption waits for those acts that have begun; no other one begins.
 
-    By threads of its own: executors take nothing more when a script ends, and with it the session that it never closed.
+    The end of this process waits for them, too, unless they `may_be_left`. By threads of its own: executors take
+    nothing more when a script ends, and with it the session that it never closed.
     """
     acting = {number: Future[Result]() for number in machines}
     free = threading.Semaphore(MOST_AT_ONCE)
@@ -238,7 +243,7 @@ def _on_all(machines: list[int], act: Callable[[int], Result]) -> dict[int, Resu
 
     try:
         for number, done in acting.items():
-            threading.Thread(target=act_on, args=(number, done), name=f"machine {number}", daemon=True).start()
+            threading.Thread(target=act_on, args=(number, done), name=f"machine {number}", daemon=may_be_left).start()
         wait(acting.values())
     finally:
         wait([done for done in acting.values() if not done.cancel()])

@@ -17,7 +17,7 @@ SHELL_SECONDS = 60.0  # for one script, on a busy machine
 
 class LocalLauncher:
     def __init__(self, machine: Machine, folder: Path) -> None:
-        self._servers = ShellServers(_run, "this machine", folder.name)
+        self._servers = ShellServers(_run, _run, "this machine", folder.name)
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         report(f"starting {len(orders)} servers on this machine")

@@ -29,9 +29,10 @@ Run = Callable[[str, str], str]  # a script and its input: what it prints. Raise
 
 
 class ShellServers(NamedTuple):
-    """The servers of one machine, whose shell `run` speaks to."""
+    """The servers of one machine, whose shell `run` speaks to, and `ask` of what nobody has to wait for."""
 
     run: Run
+    ask: Run
     place: str  # for people
     cluster: str  # name, for its logs
 
@@ -57,7 +58,7 @@ class ShellServers(NamedTuple):
             for process, began, log in map(_quoted, servers)
         )
         try:
-            said = self.run(PROCESS_FUNCTIONS + asks, "").splitlines()
+            said = self.ask(PROCESS_FUNCTIONS + asks, "").splitlines()
         except BadInput as error:
             return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
         return {server.name: _said(line) for server, line in zip(servers, said, strict=True)}

@@ -5,8 +5,7 @@ import random
 import re
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +30,7 @@ FOR_GOOD = re.compile(
 )
 TRIES = 5
 FIRST_PAUSE_SECONDS = 1.0  # at most; twice as long after each try, and never the same for two machines
+_LEFT_AT_EXIT = set["subprocess.Popen[str]"]()
 NO_SSH = "ssh is not installed here; install OpenSSH's client"
 
 
@@ -40,7 +40,8 @@ class SshLauncher:
     def __init__(self, machine: Machine, folder: Path) -> None:
         assert machine.host is not None
         self._machine, self._host = machine, machine.host
-        self._servers = ShellServers(partial(run_there, machine), machine.host, folder.name)
+        run, ask = partial(run_there, machine), partial(run_there, machine, may_be_left=True)
+        self._servers = ShellServers(run, ask, machine.host, folder.name)
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         report(f"{self._host}: starting {len(orders)} servers by ssh")
@@ -69,10 +70,13 @@ def _for_any_shell(script: str) -> str:
     return f"""exec sh -c 'eval "$(printf %b "$1")"' sh '{escaped}'"""
 
 
-def run_there(machine: Machine, script: str, given: str) -> str:
-    """What a script prints there, given its input. Raises BadInput with the reason."""
+def run_there(machine: Machine, script: str, given: str, may_be_left: bool = False) -> str:
+    """What a script prints there, given its input. Raises BadInput with the reason.
+
+    What `may_be_left` is ended at the end of this process: a machine that hangs would keep its ssh for ever.
+    """
     host = machine.host
-    ran = _tried(machine, f"{_BEGINS}{script}", given)
+    ran = _tried(machine, f"{_BEGINS}{script}", given, may_be_left)
     if ran.returncode == NOT_REACHED:
         raise BadInput(f"{host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {host}")
     said = _after_greetings(ran.stdout)
@@ -83,16 +87,16 @@ def run_there(machine: Machine, script: str, given: str) -> str:
     return said
 
 
-def _tried(machine: Machine, script: str, given: str) -> "subprocess.CompletedProcess[str]":
+def _tried(machine: Machine, script: str, given: str, may_be_left: bool) -> "subprocess.CompletedProcess[str]":
     """Again where ssh was turned away before the script began. Raises BadInput."""
     pause = FIRST_PAUSE_SECONDS
     for _ in range(TRIES - 1):
-        ran = _ran(machine, script, given)
+        ran = _ran(machine, script, given, may_be_left)
         if not _was_turned_away(ran):
             return ran
         time.sleep(random.uniform(pause / 2, pause))
         pause *= 2
-    return _ran(machine, script, given)
+    return _ran(machine, script, given, may_be_left)
 
 
 def _was_turned_away(ran: "subprocess.CompletedProcess[str]") -> bool:
@@ -102,31 +106,31 @@ def _was_turned_away(ran: "subprocess.CompletedProcess[str]") -> bool:
     return failed and TURNED_AWAY in ran.stderr and not FOR_GOOD.search(ran.stderr)
 
 
-def _ran(machine: Machine, script: str, given: str) -> "subprocess.CompletedProcess[str]":
+def _ran(machine: Machine, script: str, given: str, may_be_left: bool) -> "subprocess.CompletedProcess[str]":
     pipe = subprocess.PIPE
     command = ssh_command(machine, script)
     try:
         ssh = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, encoding="utf-8", errors="replace")
     except FileNotFoundError as error:
         raise BadInput(NO_SSH) from error
-    with ssh, _ended_with_this_process(ssh):
+    with ssh:
+        if may_be_left:
+            _LEFT_AT_EXIT.add(ssh)
         try:
             said, complaints = ssh.communicate(given, timeout=SSH_SECONDS)
         except subprocess.TimeoutExpired as error:
             host = machine.host
             raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
+        finally:
+            _LEFT_AT_EXIT.discard(ssh)
+            ssh.kill()
     return subprocess.CompletedProcess(command, ssh.returncode, said, complaints)
 
 
-@contextmanager
-def _ended_with_this_process(ssh: "subprocess.Popen[str]") -> Iterator[None]:
-    """One that hangs is not waited for at the end: it would be left behind, and hang on."""
-    atexit.register(ssh.kill)
-    try:
-        yield
-    finally:
+@atexit.register
+def _end_what_is_left() -> None:
+    for ssh in list(_LEFT_AT_EXIT):
         ssh.kill()
-        atexit.unregister(ssh.kill)
 
 
 def _after_greetings(said: str) -> str:

@@ -31,7 +31,6 @@ from volsplat.client.session import cluster_calls, cluster_watch
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
-from volsplat.deploy.launchers import ssh as ssh_launcher
 from volsplat.protocol.messages.messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
@@ -493,32 +492,44 @@ def test_the_others_draw_without_a_machine_that_nothing_is_heard_of(
         person.runs("deploy", "down", str(path))
 
 
-def test_a_session_ends_at_once_though_a_machine_that_is_asked_hangs(
+LEAVES_OPEN = """
+import os, pathlib, signal, sys, time
+from volsplat.client import Session
+from volsplat.deploy.launchers import ssh
+cluster, process, hangs, asked = sys.argv[1:]
+ssh.SSH_SECONDS = 1e6
+session = Session(os.path.abspath("head.nrrd"), cluster=cluster)
+session.default_scene()
+pathlib.Path(hangs).touch()
+os.kill(int(process), signal.SIGKILL)
+while not os.path.lexists(asked):
+    time.sleep(0.01)
+"""
+
+
+def test_a_script_ends_at_once_though_a_machine_that_its_session_asks_hangs(
     person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hangs, asked, program = tmp_path / "hangs", tmp_path / "asked", tmp_path / "bin" / "ssh"
     program.parent.mkdir()
     program.write_text(
-        f"#!/bin/sh\n[ ! -e {hangs} ] || {{ echo $$ > {asked}; exec sleep {PATIENCE} > /dev/null; }}\n"
+        f"#!/bin/sh\n[ ! -e {hangs} ] || {{ ln -s $$ {asked}; exec sleep {2 * PATIENCE}; }}\n"
         f'exec {shutil.which("ssh")} "$@"\n',
         encoding="utf-8",
     )
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
-    monkeypatch.setattr(ssh_launcher, "SSH_SECONDS", PATIENCE)
     with sshd(tmp_path / "asked-there") as ssh:
         path = cluster_file(person.folder, f"hangs-{os.getpid()}", *both_kinds_and(ssh))
         assert person.runs("deploy", "up", str(path)).returncode == 0
         try:
-            with Session(person.folder / "head.nrrd", cluster=path) as session:
-                session.default_scene()
-                hangs.touch()
-                os.kill(int(handles(person)[-1]["process"]), signal.SIGKILL)
-                wait_until(lambda: asked.exists() and asked.read_text(), "asked")
-            assert psutil.pid_exists(int(asked.read_text())), "it was waited for"
+            words = [str(path), handles(person)[-1]["process"], str(hangs), str(asked)]
+            script = [sys.executable, "-c", LEAVES_OPEN, *words]
+            assert subprocess.run(script, cwd=person.folder, timeout=PATIENCE).returncode == 0
+            hanging = int(os.readlink(asked))
+            wait_until(lambda: not psutil.pid_exists(hanging), "ended")
         finally:
-            psutil.Process(int(asked.read_text())).kill()
-            hangs.unlink()
+            hangs.unlink(missing_ok=True)
             assert person.runs("deploy", "down", str(path)).returncode == 0
 
 

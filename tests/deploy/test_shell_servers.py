@@ -20,7 +20,7 @@ def servers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ShellServers:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
     (tmp_path / ODD).mkdir()
-    return ShellServers(by_shell, "here", "lab")
+    return ShellServers(by_shell, by_shell, "here", "lab")
 
 
 def by_shell(script: str, given: str) -> str:

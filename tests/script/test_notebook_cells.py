@@ -80,11 +80,18 @@ def test_a_cell_that_runs_again_or_is_deleted_ends_what_it_showed(notebook: Note
     assert not notebook.servers()
 
 
-def test_what_a_cell_opened_by_itself_stays_open(notebook: Notebook) -> None:
-    show = "session = globals().get('session') or vs.open(volume, workers=1)\nvs.plot(session, size=20)"
-    notebook.run(show, "a")
+SHOW_AGAIN = """
+session, shown = globals().get("session") or vs.open(volume, workers=1), globals().get("shown", [])
+shown.append(vs.plot(session, size=20))
+*earlier, last = [widget.comm is None for widget in shown]
+assert all(earlier) and not last, "it is closed, and its drawing has ended"
+"""
+
+
+def test_of_a_session_that_a_cell_was_given_the_widget_alone_ends(notebook: Notebook) -> None:
+    notebook.run(SHOW_AGAIN, "a")
     opened = notebook.servers()
-    notebook.run(show, "a")
+    notebook.run(SHOW_AGAIN, "a")
     assert opened and notebook.servers() == opened
 
 

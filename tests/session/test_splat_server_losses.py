@@ -28,6 +28,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Event,
     FrameAsked,
     PartialImageAsked,
+    ProgressAsked,
     PublishImage,
     Send,
     ServerLost,
@@ -81,6 +82,9 @@ class World:
             case messages.ReadImage(frame=frame):
                 if server in self.at and self.at[server].frame == frame:
                     self.happens(image(self.at[server], server, False))
+            case messages.ReadProgress(frame=frame):
+                if server in self.at and self.at[server].frame == frame:
+                    self.happens(said(server, messages.FrameProgress(frame, self.random.random())))
             case messages.ConnectToSplatServers(routes=routes):
                 self.happens(said(server, messages.ConnectedToSplatServers([route.server for route in routes])))
 
@@ -107,7 +111,9 @@ class World:
             self.happens(AbortAsked(self.newest))
         elif move < 0.4:
             self.happens(PartialImageAsked(self.newest))
-        elif move < 0.6 and drawing:
+        elif move < 0.45:
+            self.happens(ProgressAsked(self.newest))
+        elif move < 0.65 and drawing:
             self.finishes(self.random.choice(drawing))
         elif busy:
             self.works(self.random.choice(busy))

@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from math import isclose
 from random import Random
 
 import msgspec
@@ -13,7 +14,7 @@ import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from support.programs.little_memory import little_memory
 from support.scenes.arbitrary import plain_scene
 from support.scenes.owned import owners
@@ -326,18 +327,22 @@ def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypa
 
 
 def test_who_waits_hears_how_far_a_frame_is(bench: Bench) -> None:
+    def share() -> float:
+        bench.control.send(messages.ReadProgress(1))
+        said = bench.hears(messages.FrameProgress)[0]
+        assert isinstance(said, messages.FrameProgress) and said.frame == 1
+        return said.share
+
+    def comes_to(passed: float) -> None:  # while no tile is closed
+        wait_until(lambda: isclose(share(), passed), f"{passed} of it")
+
     bench.renders(1)
-    sheets, share = request(1).plan.keys[0], 0.0
+    sheets = request(1).plan.keys[0]
     for sequence, sheet in enumerate((0, sheets // 2, sheets - 1)):
         for worker in WORKERS:
             nothing = [messages.BatchPart(0, 0)]
             bench.links[worker].send(messages.Batch(1, worker, 0, sequence, 0, nothing, sheet, 0, False))
-        while True:
-            bench.control.send(messages.ReadProgress(1))
-            said = bench.hears(messages.FrameProgress)[0]
-            assert isinstance(said, messages.FrameProgress) and said.frame == 1 and said.share >= share
-            if (share := said.share) == sheet / sheets:  # no tile is closed
-                break
+        comes_to(sheet / sheets)
 
 
 def test_a_lost_worker_leaves_the_frame_incomplete_and_named(bench: Bench) -> None:
