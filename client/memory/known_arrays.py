@@ -7,6 +7,7 @@ Physical axes of a patient are left, posterior, superior throughout.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
@@ -16,9 +17,11 @@ from volsplat.client.memory.array_source import ArraySource
 from volsplat.client.memory.no_data import NetcdfValues, with_nan
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.length_units import CommonUnit, in_one_unit
 
 PATIENT_UNIT = "mm"  # of ITK's images, and of NIfTI's where the header says none
 RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
+NO_SIDES = "the image states neither sform nor qform: left and right cannot be told"
 UNEVEN = 1e-3  # of a step: coordinates further from their even places are worth a warning
 
 
@@ -55,6 +58,9 @@ def _masked(array: Any) -> ArraySource:
 
 def _quantity(array: Any) -> ArraySource:
     """Astropy's."""
+    if hasattr(array, "uncertainty"):  # NDData, of which CCDData is one
+        masked = np.ma.masked_array(array.data, np.ma.nomask if array.mask is None else array.mask)
+        return replace(_masked(masked), value_unit=str(array.unit or ""))
     values = _masked(array).values if hasattr(array, "mask") else array
     return ArraySource(values.value, value_unit=str(array.unit))
 
@@ -116,14 +122,19 @@ def _by_coordinates(
         steps.append(step)
         origin.append(first)
         units.append(unit)
+    placed, common = all(axis in coordinates for axis in order), in_one_unit(units)
+    if placed and common is None:
+        named = ", ".join(unit or "none" for unit in units)
+        warnings.append(f"its axes are in several units ({named}), drawn as if these were one")
+    common = common or CommonUnit("", [1.0] * len(units))
     return ArraySource(
         values,
         name=name,
-        matrix=_matrix(np.diag(steps)),
-        origin=_vector(origin),
-        unit=units[0] if len(set(units)) == 1 else "",
+        matrix=_matrix(np.diag(np.multiply(steps, common.factors))),
+        origin=_vector(np.multiply(origin, common.factors)),
+        unit=common.unit,
         value_unit=value_unit,
-        placed=all(axis in coordinates for axis in order),
+        placed=placed,
         warnings=tuple(warnings),
     )
 
@@ -159,22 +170,36 @@ def _itk_source(values: Any, matrix: Any, origin: Any) -> ArraySource:
 
 def _nibabel(image: Any) -> ArraySource:
     _check_axes(len(image.shape), "choose one volume, as in image.slicer[..., 0]")
-    affine = np.asarray(image.affine, float)
     units = getattr(image.header, "get_xyzt_units", lambda: ("", ""))()[0]
     path = image.get_filename()
-    return ArraySource(
+    source = ArraySource(
         np.asarray(image.dataobj).T,
         name=PurePath(path).name if path else "image",
-        matrix=_matrix(RAS_TO_LPS @ affine[:3, :3]),
-        origin=_vector(RAS_TO_LPS @ affine[:3, 3]),
+        matrix=_matrix(np.diag(image.header.get_zooms()[:3])),
         unit={"meter": "m", "micron": "um"}.get(units, PATIENT_UNIT),
-        anatomical=True,
-        placed=True,
     )
+    if image.affine is None:
+        return source
+    if _states_no_sides(image):
+        return replace(source, placed=True, warnings=(NO_SIDES,))
+    to_physical = RAS_TO_LPS @ np.asarray(image.affine, float)[:3]
+    return replace(
+        source, matrix=_matrix(to_physical[:, :3]), origin=_vector(to_physical[:, 3]), anatomical=True, placed=True
+    )
+
+
+def _states_no_sides(image: Any) -> bool:
+    """Whether the affine of a NIfTI image is nibabel's own guess."""
+    import nibabel
+
+    is_nifti = isinstance(image, nibabel.Nifti1Pair)
+    return is_nifti and not any(int(image.header[code]) for code in ("sform_code", "qform_code"))
 
 
 def _vtk(image: Any) -> ArraySource:
     """Of points, else of cells; pyvista's images are VTK's."""
+    if not hasattr(image, "GetDirectionMatrix"):
+        raise BadInput(f"a {type(image).__name__} is no image of voxels; resample it to one, as by vtkResampleToImage")
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     dims, scalars, shift = np.array(image.GetDimensions()), image.GetPointData().GetScalars(), 0.0
@@ -208,8 +233,10 @@ def _check_image(axes: int, components: int) -> None:
 
 def _even(coordinates: Any) -> tuple[float, float, bool]:
     """The first of an axis's coordinates, their step, and whether they lie evenly."""
-    if len(coordinates) < 2 or np.asarray(coordinates).dtype.kind not in "iuf":
+    if np.asarray(coordinates).dtype.kind not in "iuf":
         return 0.0, 1.0, len(coordinates) < 2
+    if len(coordinates) == 1:
+        return float(coordinates[0]), 1.0, True
     numbers = np.asarray(coordinates, float)
     step = (numbers[-1] - numbers[0]) / (len(numbers) - 1)
     off = np.abs(numbers - (numbers[0] + step * np.arange(len(numbers)))).max()

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import array_part
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.length_units import length_unit
 
 
 def grid_of(part: str, *axes: ArrayAxis) -> ArrayGrid:

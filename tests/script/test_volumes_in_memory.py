@@ -21,10 +21,12 @@ import torch
 import xarray
 import zarr
 from astropy import units
+from astropy.nddata import CCDData
 from astropy.utils.masked import Masked
 
 from support.files.refusals import assert_refused_in_one_line
 from volsplat.client import Session
+from volsplat.client.memory import shared_memory
 from volsplat.client.memory.array_volume import OrientationUnknown, Volume
 from volsplat.client.memory.known_arrays import source_of
 from volsplat.client.session.single import SingleProcess
@@ -76,7 +78,7 @@ BARE: dict[str, Callable[[Path], Any]] = {
     "h5py": lambda folder: h5py.File(folder / "v.h5", "w").create_dataset("v", data=VALUES),
 }
 PLACED: dict[str, tuple[Callable[[], Any], tuple[tuple[float, ...], ...], tuple[float, ...], str, bool]] = {
-    "xarray": (labelled, ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2)), ORIGIN, "um", False),
+    "xarray": (labelled, ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2)), ORIGIN, "µm", False),
     "SimpleITK": (itk_image, ((0, 0.75, 0), (-0.5, 0, 0), (0, 0, 2)), ORIGIN, "mm", True),
     "nibabel": (nifti, ((0.5, 0, 0), (0, -0.75, 0), (0, 0, 2)), (-10.0, 20.0, 30.0), "mm", True),
     "pyvista": (vtk_image, ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2)), ORIGIN, "", False),
@@ -161,6 +163,59 @@ def test_a_netcdf_variable_lies_where_its_coordinates_say(tmp_path: Path) -> Non
 
 def test_astropys_quantities_have_their_unit() -> None:
     assert Volume(VALUES * units.Jy / units.beam, spacing=(1, 1, 1)).description.value_unit == "Jy / beam"
+    measured = Volume(CCDData(VALUES, unit="adu", mask=VALUES < 1500), spacing=(1, 1, 1))
+    assert measured.description.value_unit == "adu"
+    assert np.array_equal(read(measured), np.where(VALUES < 1500, np.nan, VALUES), equal_nan=True)
+
+
+def with_coordinates(x: str, y: str, z: str) -> Any:
+    """Steps of one in these units along each axis; one sheet of z."""
+    coords = {axis: (axis, np.arange(5.0, 7.0), {"units": unit}) for axis, unit in zip("xy", (x, y), strict=True)}
+    return xarray.DataArray(np.ones((1, 2, 2)), coords | {"z": ("z", [50.0], {"units": z})}, ("z", "y", "x"))
+
+
+def test_coordinates_in_several_units_of_length_are_brought_to_one() -> None:
+    geometry = (told := Volume(with_coordinates("km", "m", "m")).description).geometry
+    assert (told.unit, told.warnings) == ("km", ())
+    assert np.allclose(np.diag(geometry.index_to_physical), (1.0, 0.001, 0.001))
+    assert np.allclose(geometry.origin, (5.0, 0.005, 0.05)), "one sheet has a place as well"
+    (warning,) = Volume(with_coordinates("m", "m", "Pa")).description.warnings
+    assert "several units (m, m, Pa), drawn as if these were one" in warning
+
+
+def test_sides_that_a_nifti_image_does_not_state_are_not_made_up() -> None:
+    image = nifti()
+    image.header.set_sform(None, 0)
+    image.header.set_qform(None, 0)
+    told = Volume(image).description
+    assert not told.anatomical and "left and right cannot be told" in "".join(told.warnings)
+    assert np.allclose(told.geometry.index_to_physical, np.diag(STEPS))
+    with pytest.warns(OrientationUnknown):
+        assert not Volume(nibabel.Nifti1Image(VALUES.T, None)).description.anatomical
+
+
+def test_chunks_of_sheets_are_computed_once_though_they_exceed_what_is_copied_at_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(shared_memory, "SLAB_BYTES", 2 * VALUES[0].nbytes)
+    computed: list[int] = []
+
+    def compute(block: Any) -> Any:
+        computed.append(len(block))
+        return block
+
+    chunks = dask.array.from_array(VALUES, chunks=(3, 7, 8)).map_blocks(compute, dtype=VALUES.dtype, meta=VALUES[:0])
+    assert np.array_equal(read(Volume(chunks, spacing=(1, 1, 1))), VALUES)
+    assert computed == [3, 3]
+
+
+class Unreadable:
+    """As an array of a file whose numbers are packed in a way that nothing here unpacks."""
+
+    shape, dtype = VALUES.shape, VALUES.dtype
+
+    def __getitem__(self, index: Any) -> Any:
+        raise OSError("can't open directory (/usr/local/hdf5/lib/plugin)")
 
 
 @pytest.mark.parametrize("library", PLACED)
@@ -203,6 +258,8 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
         (torch.from_numpy(VALUES).to_sparse(), {}, "the Tensor gives no numbers that could be drawn"),
         (torch.empty((2, 2, 2), device="meta"), {}, "the Tensor gives no numbers that could be drawn"),
         (OnGraphicsCard(), {"spacing": (1, 1, 1)}, "gives no numbers that could be drawn: fetch it by .get()"),
+        (Unreadable(), {"spacing": (1, 1, 1)}, "the array cannot be read: can't open directory (/usr"),
+        (pyvista.Sphere(), {}, "a PolyData is no image of voxels; resample it to one"),
     ],
 )
 @UNKNOWN
@@ -225,6 +282,11 @@ def test_an_array_that_does_not_fit_into_memory_is_refused_before_any_of_it_is_c
     array = dask.array.zeros((1 << 14, 1 << 14, 1 << 14), chunks=1 << 8, dtype="float32")
     with pytest.raises(BadInput, match=r"takes 16384\.0 GiB once more.*prepare"):
         Volume(array, spacing=(1, 1, 1))
+
+
+def test_an_array_may_have_a_long_name() -> None:
+    name = "\N{CJK UNIFIED IDEOGRAPH-9AA8}" * 90
+    assert open_volume(Volume(VALUES, spacing=(1, 1, 1), name=name).place).describe().name == name
 
 
 def test_a_path_is_no_array() -> None:

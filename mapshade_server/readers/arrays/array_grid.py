@@ -13,11 +13,11 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.reading.grids import geometry
-from volsplat.mapshade_server.readers.reading.length_units import in_one_unit, length_unit
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.length_units import in_one_unit, length_unit
 
 LETTERS = "xyz"
 OPTIONS = ("axes", "spacing", "unit")  # beside the names of axes

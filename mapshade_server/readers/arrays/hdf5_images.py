@@ -16,10 +16,10 @@ from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.arrays.array_volume import array_told
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, refuse_vectors
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.length_units import length_unit
 
 VTK_GROUP = "VTKHDF"
 ITK_IMAGE = "ITKImage/0"

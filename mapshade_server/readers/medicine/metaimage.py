@@ -12,7 +12,6 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
@@ -23,6 +22,7 @@ from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.length_units import length_unit
 
 LONGEST_HEADER = 1 << 16
 SIDES = ("LR", "PA", "SI")  # to which the physical axes lead, and away from which

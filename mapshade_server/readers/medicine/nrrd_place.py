@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
-from volsplat.mapshade_server.readers.reading.length_units import CommonUnit, in_one_unit
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix, Vector, scaled, transposed
+from volsplat.protocol.text.length_units import CommonUnit, in_one_unit
 
 DISAGREEMENT = 0.01  # of a spacing, that the one by an axis' ends may differ from the stated one
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.protocol.text.length_units import length_unit
 
 DEFAULT_UNIT = "µm"  # of OME, if PhysicalSizeXUnit is left out
 AXES = "XYZ"

@@ -8,9 +8,9 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, StatedSteps
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.text.length_units import length_unit
 
 # Dots per inch that programs write when they know nothing of the specimen.
 _SCREENS_AND_PRINTERS = (1, 72, 96, 100, 150, 200, 240, 300, 400, 600, 1200, 2400)
