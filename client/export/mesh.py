@@ -6,6 +6,7 @@ closed. Normals point to what is less dense.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +26,7 @@ from volsplat.protocol.text.errors import BadInput
 MOST_VOXELS = 400_000_000  # 4 bytes each while the surface is looked for, and as much again
 BEYOND = -(2.0**20)  # a density outside the bounds: it puts the closing faces at the outermost voxels
 OFF_STEPS = 1.0 / 64.0  # of a density step: a surface through voxels themselves has triangles without area
+LEAST_DIGITS = 8  # of text files
 GREY = (0.8, 0.8, 0.8)
 
 
@@ -72,12 +74,27 @@ def write_mesh(
     points = index @ to_physical.T + np.array(voxels.level.origin)
     if np.linalg.det(to_physical) < 0.0:
         triangles = triangles[:, ::-1]
-    mesh: Any = trimesh.Trimesh(points, triangles, process=False)
-    mesh.visual.vertex_colors = np.tile(_colour(scene, density), (len(points), 1))
+    kind, colour = path.suffix.lower()[1:], _colour(scene, density)
+    voxel = np.linalg.norm(to_physical, axis=0).min()
+    mesh: Any = trimesh.Trimesh(points / voxel, triangles, process=False)
+    mesh.visual.vertex_colors = np.tile(linear(colour) if kind == "glb" else colour, (len(points), 1))
+    _ = mesh.face_normals  # which trimesh has of triangles of usual size alone, and keeps
+    mesh.apply_scale(voxel)
     with whole_file(path) as file:
-        made = mesh.export(file_type=path.suffix.lower()[1:])
+        made = mesh.export(file_type=kind, **({"digits": _digits(voxel)} if kind == "obj" else {}))
         file.write(made.encode() if isinstance(made, str) else made)
     return Written(len(triangles), low + density / scale)
+
+
+def linear(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A colour as glTF has those of vertices: sRGB's curve is undone (glTF 2.0, 3.7.2.1)."""
+    shown = colour[:3] / 255.0
+    return _eight_bits(np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4))
+
+
+def _digits(voxel: float) -> int:
+    """After the point, so that places are told to a ten-thousandth of a voxel in whatever unit."""
+    return max(LEAST_DIGITS, 4 - math.floor(math.log10(voxel)))
 
 
 def edge_of_table(scene: Scene) -> float:

@@ -4,6 +4,7 @@ import math
 
 MINUS = "−"
 MOST_DIGITS = 5  # before or after the point; beyond it numbers are written with their power of ten
+LEAST_SIGNIFICANT = 6
 STEPS = (1, 2, 5)
 
 
@@ -32,7 +33,8 @@ def tick_texts(values: list[float]) -> list[str]:
         return ["0"] * len(values)
     digits = max(-math.floor(math.log10(step) + 1e-9), 0)
     if digits > MOST_DIGITS or greatest >= 10.0**MOST_DIGITS * 10:
-        return [_plain(f"{value:g}") for value in values]
+        significant = max(math.floor(math.log10(greatest)) - math.floor(math.log10(step) + 1e-9) + 1, LEAST_SIGNIFICANT)
+        return [_plain(f"{value:.{significant}g}") for value in values]
     return [_plain(f"{value:.{digits}f}") for value in values]
 
 

@@ -177,7 +177,7 @@ def _ffmpeg_command(encoder: Sequence[str], rate: int, width: int, height: int, 
     return [
         *("ffmpeg", "-hide_banner", "-loglevel", "error", "-xerror", "-nostdin", "-y", *source, "-i", "pipe:0"),
         *("-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int+bicubic"),
-        *("-pix_fmt", "yuv420p", *colours, *encoder, str(output)),
+        *("-pix_fmt", "yuv420p", *colours, *encoder, f"file:{output}"),  # else what stands before a colon is a protocol
     ]
 
 

@@ -130,6 +130,31 @@ def test_a_mesh_is_the_surface_right_side_out(affine: NDArray[np.float64], tmp_p
         assert 0.0 < edge_of_table(scene) < 255.0
 
 
+def test_a_mesh_of_nanometres_in_metres_keeps_its_shape(tmp_path: Path) -> None:
+    for name, unit in (("tiny", 5e-9), ("usual", 1.0)):
+        with SingleProcess(ball(np.diag([unit, unit, unit, 1.0]))) as single:
+            for kind in (".stl", ".obj"):
+                write_export(single, single.volume.default_scene(), tmp_path / f"{name}{kind}", level=128.0)
+    lines = [(tmp_path / f"{name}.obj").read_text("utf-8").splitlines() for name in ("tiny", "usual")]
+    tiny, usual = (np.array([line.split()[1:4] for line in of_one if line[:2] == "v "]) for of_one in lines)
+    assert np.allclose(tiny.astype(float) / 5e-9, usual.astype(float), atol=1e-3)
+    triangle = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("attribute", "<u2")])
+    normals = np.frombuffer((tmp_path / "tiny.stl").read_bytes()[84:], triangle)["normal"]
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-4)
+
+
+def test_colours_of_a_glb_are_linear(tmp_path: Path) -> None:
+    import trimesh
+
+    with SingleProcess(ball(np.eye(4))) as single:
+        scene = single.volume.default_scene()
+        for kind in (".glb", ".obj"):
+            write_export(single, scene, tmp_path / f"ball{kind}", level=128.0)
+    meshes: list[Any] = [trimesh.load(tmp_path / f"ball{kind}", force="mesh") for kind in (".glb", ".obj")]
+    stored, shown = (mesh.visual.vertex_colors[0, :3] / 255 for mesh in meshes)
+    assert shown.max() > 0.2 and np.allclose(stored, ((shown + 0.055) / 1.055) ** 2.4, atol=0.02)
+
+
 def test_what_cannot_be_exported_is_one_line_and_leaves_what_was_there(tmp_path: Path) -> None:
     person = Person(tmp_path)
     z, y, x = np.mgrid[-6:7, -6:7, -6:7]

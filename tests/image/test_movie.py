@@ -158,6 +158,16 @@ def test_flat_colours_come_back_as_they_were(single: SingleProcess, tmp_path: Pa
 
 
 @needs_ffmpeg
+def test_a_folder_with_a_colon_is_no_protocol(
+    single: SingleProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("12:30").mkdir()
+    written(single, scenes_of(single), Path("12:30/turn.mp4"))
+    assert len(film_frames(tmp_path / "12:30" / "turn.mp4", 64, 48)) == FRAMES
+
+
+@needs_ffmpeg
 def test_a_new_film_takes_the_place_of_an_old_one(single: SingleProcess, tmp_path: Path) -> None:
     (tmp_path / "turn.mp4").write_bytes(b"an older film")
     written(single, scenes_of(single), tmp_path / "turn.mp4")
