@@ -4,6 +4,7 @@ The client does not open volumes, so it goes by what lies in a folder and what a
 """
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -15,13 +16,13 @@ from volsplat.protocol.text.open_streams import stream_number
 
 ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")  # of folders that are a store, also one of packets
 HEAD_BYTES = 1 << 18
-JSON_BEGINS = (b"{", b"[")
+RECORD_BEGINS = re.compile(rb'\s*(\{\s*"volsplat"|\[\s*(\{"ph"|\]?\s*$))')  # reports, traces
 
 
 def check_written_apart(volume: str, *written: Path | None, records: Sequence[Path | None] = ()) -> None:
     """Raises BadInput if a file that will be written is one of the volume's, or if two of them are one.
 
-    `records` are written as JSON, and replace nothing else. None is no file, nor is a device.
+    `records` are reports and traces, and replace nothing else. None is no file, nor is a device.
     """
     name = volume_name(volume)
     place, images, paths = Path(name.place), _files(written), _files([*written, *records])
@@ -31,7 +32,7 @@ def check_written_apart(volume: str, *written: Path | None, records: Sequence[Pa
         _check_is_not(place, paths)
         _check_is_not_named(place, images)
     for path in _files(records):
-        _check_replaces_json(path)
+        _check_replaces_record(path)
     found: dict[str, Path] = {}
     for path in paths:
         file = os.path.realpath(path)
@@ -86,8 +87,8 @@ def _is_one(path: Path, other: Path) -> bool:
         return False
 
 
-def _check_replaces_json(path: Path) -> None:
-    """Raises BadInput for a file that holds anything else: raw voxels may have any name."""
+def _check_replaces_record(path: Path) -> None:
+    """Raises BadInput for a file that holds anything else: raw voxels, of whatever name, or facts of a scan."""
     if not path.is_file():
         return
     try:
@@ -95,8 +96,8 @@ def _check_replaces_json(path: Path) -> None:
             head = file.read(HEAD_BYTES)
     except OSError:
         return  # who writes it tells why it cannot
-    if head and not head.lstrip().startswith(JSON_BEGINS):
-        raise BadInput(f"{path}: is there already and holds no JSON; give another name for what is written")
+    if head and not RECORD_BEGINS.match(head):
+        raise BadInput(f"{path}: is there already, and is no report or trace; give another name for what is written")
 
 
 def _files(paths: Iterable[Path | None]) -> list[Path]:

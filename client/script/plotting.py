@@ -9,17 +9,18 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, overload
 
-from volsplat.client.caller.arguments import checked_scene, checked_step
+from volsplat.client.caller.arguments import checked_number, checked_scene, checked_step
 from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import UNPLACED, Volume
 from volsplat.client.scene.presets import PRESETS, Preset, preset_scene
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.notebook_cells import close_when_cell_runs_again, in_notebook
+from volsplat.client.script.picture_names import unused_picture
 from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
-from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -83,15 +84,15 @@ def plot(
     """Show a volume, as `render` takes it: in a notebook, on the desktop, or as a file.
 
     In a notebook it is a viewport that turns (extra [notebook]), else a picture. In a script with a display it is the
-    page in the browser (extra [ui]), until Ctrl-C; without one a PNG beside the script, named after the volume. With
-    `save` it is that file, wherever. Returns the widget or the image.
+    page in the browser (extra [ui]), until Ctrl-C; without one a PNG in the working folder, named after the volume.
+    With `save` it is that file, wherever. Returns the widget or the image.
     """
     if save is None and in_notebook():
         return _in_notebook(volume, scene, changes)
     if save is None and _has_display():
         return view(volume, scene, **changes)
     image = render(volume, scene, **changes)
-    path = Path(save) if save is not None else Path(f"{_name(volume)}.png")
+    path = Path(save) if save is not None else unused_picture(image)
     image.save(path)
     print(path)
     return image
@@ -145,6 +146,7 @@ def export(
         raise BadInput(f"light must be {', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}, not {light!r}")
     if isinstance(volume, Session):
         raise BadInput("an open session's voxels are with its servers; give export the volume itself")
+    level = None if level is None else checked_number(level, "level")
     check_export(place, level, light)
     if isinstance(volume, SingleProcess):
         return _exported(volume, scene, place, level, every, light, changes)
@@ -180,7 +182,11 @@ def _tell_notes(volume: SurveyedVolume) -> None:
 
 
 def _rendered(
-    renderer: Renderer, scene: Scene | Preset | str | None, step: Step, figure: Figure | None, changes: dict[str, Any]
+    renderer: Session | SingleProcess,
+    scene: Scene | Preset | str | None,
+    step: Step,
+    figure: Figure | None,
+    changes: dict[str, Any],
 ) -> RenderedImage | RenderedFigure:
     of = renderer.volume
     of.check_has_values()
@@ -189,7 +195,7 @@ def _rendered(
         from volsplat.client.figure.layout import sized
 
         wanted = sized(figure, wanted, of)
-    image = RenderedImage(renderer.finish(wanted, step).published, wanted, of)
+    image = RenderedImage(renderer.finish(wanted, step).published, wanted, of, renderer.path)
     return image if figure is None else RenderedFigure(image, figure, of)
 
 
@@ -203,6 +209,8 @@ def _exported(
     changes: dict[str, Any],
 ) -> str:
     single.volume.check_has_values()
+    if single.path is not None:
+        check_written_apart(single.path, path)
     return write_export(single, _scene(single.volume, scene, changes), path, level, every, light)
 
 
@@ -234,10 +242,3 @@ def _has_display() -> bool:
     from importlib.util import find_spec
 
     return any(map(os.environ.get, DISPLAYS)) and find_spec("nicegui") is not None
-
-
-def _name(volume: Any) -> str:
-    """What a file of a volume's picture is called: as the volume, without its extensions."""
-    if isinstance(volume, str | os.PathLike):
-        return Path(str(volume).partition("#")[0]).name.partition(".")[0] or "volume"
-    return "volume"

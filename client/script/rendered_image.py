@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.image.file_bytes import bytes_of
+from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
@@ -27,11 +28,20 @@ class RenderedImage:
     `scene` is the one that was asked for, and `view` says what a fit came to.
     """
 
-    def __init__(self, published: PublishedImage, scene: Scene, volume: SurveyedVolume) -> None:
+    def __init__(
+        self, published: PublishedImage, scene: Scene, volume: SurveyedVolume, volume_path: str | None
+    ) -> None:
+        """`volume_path` is None of an array in memory."""
         self._published = published
         self._volume = volume
+        self.volume_path = volume_path
         self.scene = scene
         self.view = volume.settled(scene).view
+
+    @property
+    def volume_name(self) -> str:
+        """As people know it."""
+        return self._volume.description.name
 
     @property
     def tensor(self) -> Tensor:
@@ -53,7 +63,7 @@ class RenderedImage:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a .png, .jpg, .tif, .exr, .svg or .pdf file, which holds its scene. Raises BadInput."""
-        _save(Path(path), self.numpy(), self.scene, self._volume, None)
+        _save(Path(path), self, self._volume, None)
 
     def figure(self, **options: Any) -> RenderedFigure:
         """With scale bar, colour bar and sides; options as of `volsplat.Figure`. Raises BadInput.
@@ -93,7 +103,7 @@ class RenderedFigure:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a .pdf or .svg file with the picture inside, or a .png, .jpg, .tif or .exr. Raises BadInput."""
-        _save(Path(path), self.image.numpy(), self.image.scene, self._volume, self.options)
+        _save(Path(path), self.image, self._volume, self.options)
 
     def _repr_png_(self) -> bytes:
         """For notebooks."""
@@ -103,12 +113,12 @@ class RenderedFigure:
         return f"<volsplat figure of {self.image!r}>"
 
 
-def _save(
-    path: Path, picture: NDArray[np.float32], scene: Scene, volume: SurveyedVolume, figure: Figure | None
-) -> None:
+def _save(path: Path, image: RenderedImage, volume: SurveyedVolume, figure: Figure | None) -> None:
     from volsplat.client.figure.figure_file import write_picture
 
-    write_picture(path, picture, scene, volume, figure)
+    if image.volume_path is not None:
+        check_written_apart(image.volume_path, path)
+    write_picture(path, image.numpy(), image.scene, volume, figure)
 
 
 def _pil(pixels: NDArray[np.float32], background: Colour | None) -> Image:

@@ -135,6 +135,7 @@ class Session:
         if self._in_memory is not None and (cluster is not None or not spawn):
             raise BadInput(SAVE_FIRST)
         name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        self.path = name if self._in_memory is None else None  # of the volume, as it was given
         self._shown = (name or "no volume") if self._in_memory is None else self._in_memory.description.name
         if trace is not None and name is not None:
             check_written_apart(name, records=[Path(trace)])

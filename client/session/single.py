@@ -116,6 +116,7 @@ class SingleProcess:
         """
         self._in_memory = volume_in_memory(volume)
         name = absolute_name(checked_volume(volume if self._in_memory is None else self._in_memory.place))
+        self.path = name if self._in_memory is None else None  # of the volume
         if trace is not None:
             check_written_apart(name, records=[Path(trace)])
         memory = None if memory is None else checked_bytes(memory, "memory")

@@ -529,7 +529,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
     ("command", "told"),
     [
         (["render", "V", "-o", "a.png", "--report", "-"], "--report -: is no name of a file"),
-        (["render", "V", "-o", "a.png", "--report", "notes.txt"], "notes.txt: is there already and holds no JSON"),
+        (["render", "V", "-o", "a.png", "--report", "notes.txt"], "notes.txt: is there already, and is no report"),
         (["render", "V", "-o", "a.png", "--trace", "V"], "V: this is the volume itself"),
         (["render", "V", "-o", "a.png", "--single", "--trace", "link.json"], "link.json: this is the volume itself"),
         (["render", "V", "-o", "a.png", "--report", "V"], "V: this is the volume itself"),

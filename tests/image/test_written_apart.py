@@ -134,7 +134,9 @@ def test_voxels_name_no_file(tmp_path: Path, begin: bytes) -> None:
 def test_a_record_replaces_another_one_whatever_the_volume_holds(tmp_path: Path) -> None:
     volume, record = tmp_path / "head.nrrd", tmp_path / "r"
     volume.write_bytes(b"NRRD0004\nr\n\nr")
-    for text, is_refused in ((b"", False), (b'{"volsplat": 1}', False), (b"\n" * 400, True), (b"notes", True)):
+    ours = b"", b'{\n  "volsplat": "1"}', b"[", b'[\n{"ph":"M"}\n]\n', b"[\n]\n"
+    others = b"\n" * 400, b"notes", b'{"Modality": "MR"}', b"[1, 2]"
+    for text, is_refused in (*((text, False) for text in ours), *((text, True) for text in others)):
         record.write_bytes(text)
         assert refused(volume, records=[record]) == is_refused
 

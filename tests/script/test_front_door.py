@@ -14,9 +14,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import h5py
 import numpy as np
 import psutil
 import pytest
+import tifffile
 import torch
 from PIL import Image
 
@@ -146,9 +148,38 @@ def test_a_cell_of_marimo_is_one_of_a_notebook(is_cell: bool, monkeypatch: pytes
 def test_plot_without_a_display_writes_a_picture(tmp_path: Path) -> None:
     np.save(tmp_path / "ball.v1.npy", np.arange(4096, dtype=np.uint16).reshape(16, 16, 16))
     said = in_script(tmp_path, "import volsplat as vs; vs.plot('ball.v1.npy', size=20)")
-    assert said == "ball.png\n"
-    with Image.open(tmp_path / "ball.png") as picture:
+    assert said == "ball.v1.png\n"
+    with Image.open(tmp_path / "ball.v1.png") as picture:
         assert picture.size == (20, 20) and np.asarray(picture).max() > 0
+
+
+def test_pictures_that_plot_names_replace_none_but_those_of_earlier_scripts(tmp_path: Path) -> None:
+    values = np.arange(4096, dtype=np.uint16).reshape(16, 16, 16)
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["entry/a"], file["entry/b"] = values, values
+    (tmp_path / "brain.png").write_bytes(b"somebody's own")
+    script = (
+        "import numpy as np, volsplat as vs\n"
+        "values = np.arange(4096, dtype=np.uint16).reshape(16, 16, 16)\n"
+        "brain = vs.Volume(values, name='brain', spacing=(1, 1, 1))\n"
+        "for volume in ('run.h5#/entry/a', 'run.h5#/entry/b', brain, brain):\n"
+        "    vs.plot(volume, size=20)\n"
+    )
+    named = "run-a.png\nrun-b.png\nbrain-2.png\nbrain-3.png\n"
+    assert in_script(tmp_path, script) == in_script(tmp_path, script) == named
+    assert (tmp_path / "brain.png").read_bytes() == b"somebody's own"
+
+
+@pytest.mark.filterwarnings("ignore::volsplat.client.script.plotting.VolumeNote")
+def test_what_a_script_writes_does_not_replace_the_volume(tmp_path: Path) -> None:
+    stack = tmp_path / "stack.tif"
+    tifffile.imwrite(stack, np.arange(4096, dtype=np.uint16).reshape(16, 16, 16))
+    before, image = stack.read_bytes(), vs.render(stack, size=16)
+    writers: list[vs.RenderedImage | vs.RenderedFigure] = [image, image.figure()]
+    for writer in writers:
+        with pytest.raises(vs.BadInput, match=r"stack.tif: this is the volume itself"):
+            writer.save(stack)
+    assert stack.read_bytes() == before
 
 
 def test_a_script_that_forgets_to_close_ends_without_a_word_and_leaves_no_process(tmp_path: Path) -> None:
