@@ -36,7 +36,12 @@ class LocalLauncher:
 def _run(script: str, given: str) -> str:
     try:
         ran = subprocess.run(
-            ["sh", "-c", script], input=given, capture_output=True, encoding="utf-8", timeout=SHELL_SECONDS
+            ["sh", "-c", script],
+            input=given,
+            capture_output=True,
+            encoding="utf-8",
+            timeout=SHELL_SECONDS,
+            start_new_session=True,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise BadInput(f"this machine: its shell does not answer: {error}") from error

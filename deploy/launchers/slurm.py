@@ -18,7 +18,9 @@ from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
 
 SLURM_SECONDS = 60.0  # for one command: a controller that is busy lets them wait
 OWN_CORES = '--threads "$SLURM_CPUS_ON_NODE"'  # of the job, wherever it runs
-WAITING = {"PENDING", "CONFIGURING", "REQUEUED", "REQUEUE_HOLD", "RESV_DEL_HOLD", "SPECIAL_EXIT", "SUSPENDED"}
+# A job that Slurm will run again is completing until it has left its node.
+WAITING = {"PENDING", "CONFIGURING", "COMPLETING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "RESV_DEL_HOLD"}
+WAITING |= {"SPECIAL_EXIT", "STAGE_OUT", "STOPPED", "SUSPENDED"}
 AT_WORK = {"RUNNING", "RESIZING", "SIGNALING"}
 
 
@@ -165,7 +167,13 @@ def _asked(command: Sequence[str], given: str = "") -> str:
     environment = {name: value for name, value in os.environ.items() if name != TOKEN_VARIABLE}  # jobs inherit it
     try:
         ran = subprocess.run(
-            command, input=given, capture_output=True, encoding="utf-8", timeout=SLURM_SECONDS, env=environment
+            command,
+            input=given,
+            capture_output=True,
+            encoding="utf-8",
+            timeout=SLURM_SECONDS,
+            env=environment,
+            start_new_session=True,
         )
     except FileNotFoundError as error:
         raise BadInput(

@@ -3,6 +3,7 @@
 import atexit
 import random
 import re
+import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,7 @@ from pathlib import Path
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, StartedServer
 from volsplat.deploy.launchers.shell import ShellServers
+from volsplat.deploy.process_group import end_group
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
 
@@ -110,7 +112,9 @@ def _ran(machine: Machine, script: str, given: str, may_be_left: bool) -> "subpr
     pipe = subprocess.PIPE
     command = ssh_command(machine, script)
     try:
-        ssh = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, encoding="utf-8", errors="replace")
+        ssh = subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=pipe, encoding="utf-8", errors="replace", start_new_session=True
+        )
     except FileNotFoundError as error:
         raise BadInput(NO_SSH) from error
     with ssh:
@@ -123,14 +127,14 @@ def _ran(machine: Machine, script: str, given: str, may_be_left: bool) -> "subpr
             raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
         finally:
             _LEFT_AT_EXIT.discard(ssh)
-            ssh.kill()
+            end_group(ssh, signal.SIGKILL)
     return subprocess.CompletedProcess(command, ssh.returncode, said, complaints)
 
 
 @atexit.register
 def _end_what_is_left() -> None:
     for ssh in list(_LEFT_AT_EXIT):
-        ssh.kill()
+        end_group(ssh, signal.SIGKILL)
 
 
 def _after_greetings(said: str) -> str:

@@ -3,6 +3,7 @@
 ssh and what it runs there end with the process that has opened the tunnel, however that ends: they read from it.
 """
 
+import signal
 import subprocess
 import threading
 import time
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from volsplat.deploy.launchers.launcher import Report
 from volsplat.deploy.launchers.shell import PROCESS_FUNCTIONS
 from volsplat.deploy.launchers.ssh import NO_SSH, ssh_command
+from volsplat.deploy.process_group import end_group
 from volsplat.deploy.tunnels.ports import Way
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
@@ -66,7 +68,7 @@ class Tunnel:
             self._changed.notify_all()
             ssh = self._ssh
         if ssh is not None:
-            ssh.terminate()
+            end_group(ssh)
         self._keeper.join()
 
     def _keep(self) -> None:
@@ -100,7 +102,7 @@ class Tunnel:
         ports = (*_carried("-R", self.way.here), *_carried("-L", self.way.there))
         with self._running(ssh_command(self.way.machine, _HOLDS, *OWN_CONNECTION, *ports)) as ssh:
             assert ssh.stdout is not None
-            late = threading.Timer(OPEN_SECONDS, ssh.kill)
+            late = threading.Timer(OPEN_SECONDS, end_group, [ssh, signal.SIGKILL])
             late.daemon = True
             late.start()
             try:
@@ -137,10 +139,10 @@ class Tunnel:
                 closed = self._closed
             try:
                 if closed:
-                    ssh.terminate()
+                    end_group(ssh)
                 yield ssh
             finally:
-                ssh.terminate()
+                end_group(ssh)
 
     def _begins(self, holder: list[str]) -> None:
         self._holder = holder if len(holder) == 2 and all(part.isdecimal() for part in holder) else []

@@ -1,17 +1,22 @@
 """What a machine's shell is asked, and what it answers, whatever names and logs hold."""
 
+import os
 import subprocess
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from support.patience import wait_until
+from volsplat.deploy.cluster_file import Machine
+from volsplat.deploy.launchers import local, ssh
 from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState
-from volsplat.deploy.launchers.shell import ShellServers
+from volsplat.deploy.launchers.shell import Run, ShellServers
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.tokens import new_token
 
+NODE = Machine(launcher="ssh", host="node", map_shade_servers=1)
 ODD = r"it's \new \\ $HOME `x` %s"
 
 
@@ -48,6 +53,26 @@ def test_a_data_root_that_is_not_there_is_named_as_it_was_given(servers: ShellSe
     with pytest.raises(BadInput) as told:
         started(servers, root)
     assert str(told.value) == f"data-root {root} is no folder there; make it, or name another\n"
+
+
+def test_a_log_that_cannot_be_written_is_named_before_any_server_starts(servers: ShellServers, tmp_path: Path) -> None:
+    logs = tmp_path / ".local" / "state" / "volsplat" / "servers" / "lab"
+    (logs / "node-map-shade.log").mkdir(parents=True)
+    with pytest.raises(BadInput, match=r"\.log cannot be written$"):
+        started(servers, "/", f"touch {tmp_path}/began")
+    assert not (tmp_path / "began").exists()
+
+
+@pytest.mark.parametrize("run", [partial(ssh.run_there, NODE), local._run], ids=["ssh", "here"])
+def test_ctrl_c_on_the_terminal_does_not_reach_what_starts_servers(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is for this process, which waits for what it has begun, and remembers it."""
+    program = tmp_path / "ssh"
+    program.write_text('#!/bin/sh\nwhile [ $# -gt 1 ]; do shift; done\neval "$1"\n', encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    assert int(run("cut -d ' ' -f 5 /proc/$$/stat", "")) != os.getpgrp()
 
 
 def test_a_command_that_is_not_there_is_named(servers: ShellServers) -> None:

@@ -1,0 +1,13 @@
+"""A program in a session of its own, which Ctrl-C on the terminal does not reach, and whose children end with it."""
+
+import os
+import signal
+import subprocess
+from contextlib import suppress
+
+
+def end_group(process: "subprocess.Popen[str]", number: signal.Signals = signal.SIGTERM) -> None:
+    """Signal it and what it has started, as ssh does the ways by jump hosts. Does nothing once it was waited for."""
+    if process.poll() is None:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
