@@ -11,10 +11,10 @@ from volsplat.client.session.cluster_watch import ClusterWatch
 from volsplat.client.session.missing_reasons import MissingReasons
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
-from volsplat.deploy.cluster.state import ClusterState
+from volsplat.deploy.cluster.state import ClusterBusy, ClusterState
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.tokens import Token
 
@@ -30,7 +30,7 @@ class ClusterServers:
         state = self._running.state()
         self._brought_up = state is None
         if self._brought_up:
-            atexit.register(self._down)  # wherever Ctrl-C ends what follows
+            atexit.register(self._down_at_exit)  # wherever Ctrl-C ends what follows
         self._state = self._bring_up() if state is None else self._with_both_kinds(state)
         self._reasons = MissingReasons(report)
         self._tunnels: Tunnels | None = None
@@ -40,6 +40,9 @@ class ClusterServers:
     def _bring_up(self) -> ClusterState:
         try:
             return self._running.up(self._report)
+        except ClusterBusy:  # by somebody else, who has it then
+            atexit.unregister(self._down_at_exit)
+            raise
         except BaseException:
             self._down()
             raise
@@ -62,8 +65,14 @@ class ClusterServers:
     def _down(self) -> None:
         if not self._opened_by.is_here:  # a process that was forked ends
             return
+        atexit.unregister(self._down_at_exit)
         self._running.down(self._report)
-        atexit.unregister(self._down)
+
+    def _down_at_exit(self) -> None:
+        try:
+            self._down()
+        except VolsplatError as error:
+            self._report(str(error))
 
     @property
     def token(self) -> Token:
@@ -96,9 +105,7 @@ class ClusterServers:
         except BaseException as error:
             self.release()
             if isinstance(error, BadInput):
-                raise BadInput(
-                    f"the cluster {self.cluster.name} serves another client of this machine: {error}"
-                ) from error
+                raise self._running.cannot_listen(error) from error
             raise
 
     def close(self) -> None:

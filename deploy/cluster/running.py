@@ -58,6 +58,14 @@ class RunningCluster:
         elsewhere = [machine for machine in machines if not machine.comes_by_loopback]
         return Address(everywhere_for(self.cluster, elsewhere) if elsewhere else LOOPBACK, state.listen_port)
 
+    def cannot_listen(self, error: BadInput) -> BadInput:
+        """What a client is told that has no port for the servers that dial in."""
+        problem, _, _ = str(error).partition("; ")
+        return BadInput(
+            f"{problem}: the cluster {self.cluster.name} serves another client of this machine, or another program has "
+            f'its port; end that one, or give client = "HOST:PORT" another in {self.path}'
+        )
+
     def tunnels(self, state: ClusterState, report: Report) -> Tunnels:
         """Those by which servers reach a client that listens. Whoever opens them closes them."""
         return Tunnels(self.cluster, state.listen_port, report)
@@ -75,7 +83,21 @@ class RunningCluster:
                 f"{self.path}: has changed since the cluster {self.cluster.name} was brought up; end that first: "
                 f"volsplat deploy down {self.path}"
             )
+        if state is not None and self._is_elsewhere(state):
+            raise BadInput(
+                f"the cluster {self.cluster.name} was brought up on {state.host}, where its servers look for clients; "
+                f"use it there, or end it: volsplat deploy down {self.path}"
+            )
         return state
+
+    def _is_elsewhere(self, state: ClusterState) -> bool:
+        """Whether another machine's home is this one's, and has the servers or is dialled by them."""
+        dialled = any(not one.wait_at for one in state.servers)
+        return state.host not in ("", socket.gethostname()) and (dialled or self._runs_local(state))
+
+    def _runs_local(self, state: ClusterState) -> bool:
+        machines = cluster_from_toml(state.file, str(self.path)).machines
+        return any(machines[one.machine].launcher == "local" for one in state.servers)
 
     def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
         """Start what is missing; or, in the place of the servers named `anew` alone, others, once these have ended.
@@ -84,7 +106,9 @@ class RunningCluster:
         nobody has taken stays known as one that has ended.
         """
         with self.folder.locked():
-            state = self.state() or ClusterState(file=self._text, listen_port=_free_port(self.cluster))
+            state = self.state() or ClusterState(
+                file=self._text, listen_port=_free_port(self.cluster), host=socket.gethostname()
+            )
             asked = [one for one in state.servers if not anew or one.started.name in anew]
             said = self._states(self.cluster, asked)
             living = [one for one in asked if said[one.started.name].state is not ServerState.ENDED]
@@ -191,8 +215,12 @@ class RunningCluster:
                 self.folder.forget()
                 report(f"the cluster {self.cluster.name} is not up")
                 return
+            if self._is_elsewhere(state) and self._runs_local(state):
+                raise BadInput(
+                    f"servers of {self.cluster.name} run on {state.host}; end them there, or, if it has started anew "
+                    f"since, remove {self.folder.path / 'state.json'}"
+                )
             cluster = cluster_from_toml(state.file, str(self.path))
-
             failed = self._stop(cluster, state.servers, report)
             if not failed:
                 self.folder.forget()
@@ -224,10 +252,10 @@ class RunningCluster:
 
 
 def _on_all(machines: list[int], act: Callable[[int], Result], may_be_left: bool = False) -> dict[int, Result | Failed]:
-    """Act on every machine at once. An interruption waits for those acts that have begun; no other one begins.
+    """Act on every machine at once. An interruption, and the end of this process, wait for those acts that have begun
+    unless these `may_be_left`; no other one begins.
 
-    The end of this process waits for them, too, unless they `may_be_left`. By threads of its own: executors take
-    nothing more when a script ends, and with it the session that it never closed.
+    By threads of its own: executors take nothing more when a script ends, and with it the session that it never closed.
     """
     acting = {number: Future[Result]() for number in machines}
     free = threading.Semaphore(MOST_AT_ONCE)
@@ -246,7 +274,9 @@ def _on_all(machines: list[int], act: Callable[[int], Result], may_be_left: bool
             threading.Thread(target=act_on, args=(number, done), name=f"machine {number}", daemon=may_be_left).start()
         wait(acting.values())
     finally:
-        wait([done for done in acting.values() if not done.cancel()])
+        begun = [done for done in acting.values() if not done.cancel()]
+        if not may_be_left:
+            wait(begun)
     results: dict[int, Result | Failed] = {}
     for number, done in acting.items():
         try:

@@ -34,7 +34,12 @@ class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
 class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     file: str  # the cluster file as of `up`
     listen_port: int  # where clients listen for servers that dial in
+    host: str = ""  # whose servers of the launcher `local` these are, and which others dial
     servers: tuple[KnownServer, ...] = ()
+
+
+class ClusterBusy(BadInput):
+    """Another command brings the cluster up or down."""
 
 
 class StateFolder:
@@ -46,17 +51,36 @@ class StateFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """One command at a time changes the cluster. Raises BadInput where another one does."""
+        """One command at a time changes the cluster. Raises ClusterBusy where another one does, and BadInput."""
         self._make()
-        descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        with self._lock_file() as descriptor:
+            self._take(descriptor)
+            yield
+
+    @contextmanager
+    def _lock_file(self) -> Iterator[int]:
+        try:
+            descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise self._unusable("written", error) from error
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+    def _take(self, descriptor: int) -> None:
         try:
             while not _taken(descriptor, fcntl.LOCK_EX):
                 if self.is_locked:
-                    raise BadInput(f"another command brings {self.path.name} up or down now; wait until it has ended")
+                    raise ClusterBusy(
+                        f"another command brings {self.path.name} up or down now; wait until it has ended"
+                    )
                 time.sleep(LOOK_SECONDS)
-            yield
-        finally:
-            os.close(descriptor)
+        except OSError as error:  # as of homes that other machines serve, without locks
+            raise self._unusable("locked", error) from error
+
+    def _unusable(self, how: str, error: OSError) -> BadInput:
+        return BadInput(f"{self.path} cannot be {how}: {error.strerror}; set XDG_STATE_HOME to a folder of yours")
 
     @property
     def is_locked(self) -> bool:
@@ -106,9 +130,7 @@ class StateFolder:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.path.chmod(0o700)
         except OSError as error:
-            raise BadInput(
-                f"{self.path} cannot be made: {error.strerror}; set XDG_STATE_HOME to a folder of yours"
-            ) from error
+            raise self._unusable("made", error) from error
 
 
 def _taken(descriptor: int, lock: int) -> bool:

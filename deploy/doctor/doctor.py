@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 from volsplat.deploy.cluster.running import MOST_AT_ONCE, RunningCluster
-from volsplat.deploy.cluster.state import ClusterState, KnownServer
+from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, KnownServer
 from volsplat.deploy.doctor import servers
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
@@ -49,12 +50,15 @@ class Doctor:
                 self._find(Finding(title, "start", False, line))
             self._of_servers(state)
             return
-        try:
-            self._start()
+        with ExitStack() as ended:
+            ended.callback(self._running.down, self._doing)
+            try:
+                self._start()
+            except ClusterBusy:  # by somebody else, who has it then
+                ended.pop_all()
+                raise
             if (state := self._running.state()) is not None:
                 self._of_servers(state)
-        finally:
-            self._running.down(self._doing)
 
     def _find(self, finding: Finding) -> None:
         self.findings.append(finding)
@@ -71,6 +75,8 @@ class Doctor:
     def _start(self) -> None:
         try:
             self._running.up(self._doing)
+        except ClusterBusy:
+            raise
         except BadInput as error:
             self._find(Finding(self._running.cluster.name, "start", False, str(error)))
 

@@ -54,10 +54,7 @@ class Meeting:
         try:
             return Listener(Role.CLIENT, self._running.token, host=host, port=port, encryption=self._encryption)
         except BadInput as error:
-            raise BadInput(
-                f"the cluster {self._running.cluster.name} serves another client of this machine: {error}; "
-                "end that client, then ask again"
-            ) from error
+            raise self._running.cannot_listen(error) from error
 
     def server(self, one: KnownServer) -> Connection:
         """It, once it has come. Raises PeerLost with why it has not, as its own log or who dials it knows."""

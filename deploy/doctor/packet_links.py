@@ -2,6 +2,8 @@
 
 import secrets
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 from volsplat.deploy.cluster.state import KnownServer
 from volsplat.deploy.doctor.finding import Finding
@@ -24,10 +26,18 @@ def packet_links(there: Mapping[str, tuple[KnownServer, Connection]], meeting: M
     splats = {name: server for name, (one, server) in there.items() if one.program is Program.SPLAT_SERVER}
     keys = {worker.peer.id: secrets.token_bytes(WORKER_KEY_BYTES) for worker in workers.values()}
     for splat in splats.values():
-        splat.send(InviteWorkers(keys=keys))
-    for name, worker in workers.items():
-        for splat_name, splat in splats.items():
-            yield _link(name, worker, splat_name, _route(worker, splat, keys[worker.peer.id]), meeting)
+        with suppress(VolsplatError):  # one that is lost is found so by whoever dials it
+            splat.send(InviteWorkers(keys=keys))
+
+    def of_worker(name: str) -> list[Finding]:
+        worker = workers[name]
+        key = keys[worker.peer.id]
+        return [_link(name, worker, other, _route(worker, splat, key), meeting) for other, splat in splats.items()]
+
+    if workers:
+        with ThreadPoolExecutor(len(workers), "packet links") as pool:  # each waits where ports are closed
+            for found in pool.map(of_worker, workers):
+                yield from found
 
 
 def _route(worker: Connection, splat: Connection, key: bytes) -> Route:

@@ -5,12 +5,13 @@ import re
 import shlex
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 
 import msgspec
@@ -152,6 +153,41 @@ def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Perso
     assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
     status = person.runs("deploy", "status", str(cluster))
     assert status.returncode == 2 and "is not up" in status.stderr
+
+
+FAILS = """
+import sys
+from volsplat.client import Session
+try:
+    Session("head.nrrd", cluster=sys.argv[1])
+except Exception as error:
+    print(error)
+"""
+
+
+def test_a_client_that_comes_while_another_command_brings_a_cluster_up_leaves_it_alone(person: Person) -> None:
+    path = cluster_file(person.folder, f"busy-{os.getpid()}", f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n")
+    with RunningCluster(path).folder.locked():
+        script = [sys.executable, "-c", FAILS, str(path)]
+        done = subprocess.run(script, cwd=person.folder, capture_output=True, text=True, timeout=PATIENCE)
+        examined = person.runs("deploy", "doctor", str(path))
+    assert "another command brings" in done.stdout and not done.stderr
+    assert examined.returncode == 2 and examined.stderr.count("another command brings") == 1
+
+
+def test_a_cluster_of_another_machine_with_the_same_home_is_told_so(person: Person, cluster: Path) -> None:
+    assert person.runs("deploy", "up", str(cluster)).returncode == 0
+    folder = RunningCluster(cluster).folder
+    state = folder.load()
+    assert state is not None and state.host == socket.gethostname()
+    folder.save(msgspec.structs.replace(state, host="login2"))
+    dialled, ran_here = not state.servers[0].wait_at, "local" in cluster.read_text(encoding="utf-8")
+    with pytest.raises(BadInput, match="was brought up on login2.*use it there") if dialled else nullcontext():
+        RunningCluster(cluster).state()
+    if ran_here:
+        down = person.runs("deploy", "down", str(cluster))
+        assert down.returncode == 2 and "run on login2; end them there" in down.stderr
+    folder.save(state)
 
 
 def test_a_second_client_is_told_in_one_line_that_another_is_served(person: Person, cluster: Path) -> None:

@@ -1,5 +1,6 @@
 """The lock by which one command at a time changes a cluster."""
 
+import errno
 import fcntl
 from pathlib import Path
 
@@ -46,6 +47,15 @@ def test_nobody_is_refused_for_one_who_only_looks(folder: StateFolder, monkeypat
     with folder.locked():
         assert refused == [fcntl.LOCK_EX | fcntl.LOCK_NB] and looker.closed
         assert folder.is_locked
+
+
+def test_a_home_without_locks_is_told_with_the_cure(folder: StateFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    def without_locks(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", without_locks)
+    with pytest.raises(BadInput, match=r"cannot be locked: No locks available; set XDG_STATE_HOME"), folder.locked():
+        pass
 
 
 def test_what_a_command_meets_while_it_changes_a_cluster_is_told_as_it_is(folder: StateFolder) -> None:
