@@ -100,6 +100,7 @@ class Clients:
         """
         lost: PeerLost | RemoteProtocolError | None = None
         short, again = 0, False
+        told, last_seen = "", time.monotonic()  # a client was there, or this server began
         while True:
             self._found = False
             began = time.monotonic()
@@ -112,17 +113,20 @@ class Clients:
                     raise lost or error from error
                 lost = error
             except BadInput as error:
-                if not self._life.resident:
+                if not self._life.resident or (not self._found and began - last_seen > self._life.keep):
                     raise
                 lost = PeerLost(str(error))
+            if self._found:
+                told, last_seen = "", time.monotonic()
             self._departure.attend(None)
             if self._departure.begun or (lost is None and not (again or self._life.resident)):
                 return
             self._lost = lost is not None
             if lost is not None:
-                log.log(
-                    logging.WARNING if self._life.resident else logging.INFO, "%s; looking for a client again", lost
-                )
+                if str(lost) != told:
+                    level = logging.WARNING if self._life.resident else logging.INFO
+                    log.log(level, "%s; looking for a client again", lost)
+                told = str(lost)
                 time.sleep(max(0.0, began + REPEAT_PAUSE_SECONDS - time.monotonic()))
 
     def close(self) -> None:

@@ -72,6 +72,18 @@ def opened(head: Path, workers: int, splat_servers: int) -> Iterator[Servers]:
             servers.end()
 
 
+def test_a_resident_that_cannot_use_any_client_ends_as_one_that_finds_none() -> None:
+    command = [sys.executable, "-m", f"volsplat.{SPLAT}", "--connect", "nobody.invalid:7000", "--resident"]
+    ended = subprocess.run(
+        [*command, "--keep", "1"],
+        env={"VOLSPLAT_TOKEN": new_token().key.decode()},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert ended.returncode != 0 and ended.stderr.count("looking for a client again") == 1
+
+
 def refined(session: Session, scene: Scene) -> list[Refinement]:
     return [refinement for refinement in session.refine(scene) if refinement.complete]
 
