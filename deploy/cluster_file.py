@@ -183,7 +183,7 @@ def _check(cluster: Cluster, name: str) -> None:
         if machine.map_shade_servers + machine.splat_servers == 0:
             raise BadInput(f"{place}: runs no server; give map-shade-servers or splat-servers, or leave it out")
     _check_tunnels(cluster, name)
-    _checked(f"{name}: client", cluster.client, parse_address)
+    _checked(f"{name}: client", cluster.client, _place_to_dial)
     for kind, count in (("map-shade-servers", cluster.map_shade_servers), ("splat-servers", cluster.splat_servers)):
         if count == 0:
             raise BadInput(f"{name}: {kind}: no machine runs any, but one is needed at least; add {kind} = 1 to one")
@@ -209,6 +209,11 @@ def _check_ports(place: str, address: Address | None, machine: Machine) -> None:
     servers = machine.map_shade_servers + machine.splat_servers
     if address is not None and not 0 < address.port <= 65536 - max(servers, 1):
         raise BadInput(f"{place}: port {address.port} leaves no room for {servers} servers; choose from 1024 on")
+
+
+def _place_to_dial(text: str) -> None:
+    if parse_address(text).port == 0:
+        raise BadInput(f"{text!r}: servers cannot dial port 0; choose one from 1024 on")
 
 
 def _checked(place: str, text: str | None, parse: Callable[[str], object]) -> None:

@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Iterable, Iterator
+from ipaddress import ip_address
 from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
@@ -13,6 +14,7 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import EVERYWHERE, EVERYWHERE_6, LOOPBACK, Address, parse_address
 
 SHORT = {Program.SPLAT_SERVER: "splat", Program.MAPSHADE_SERVER: "map/shade"}
+NOBODY = "192.0.2.1"  # an address for documents (RFC 5737): the way to it is that to everybody
 DISCARD_PORT = 9  # to find a route nothing is sent, so any will do
 
 
@@ -42,6 +44,10 @@ def _of_machine(cluster: Cluster, number: int, title: str, listen_port: int) -> 
     machine = cluster.machines[number]
     carried = splat_ports(cluster, listen_port).get(number, ())
     waits, metrics = machine.listens_at, machine.metrics_at
+    # Asked once for all servers: ssh is started for it, and names are looked up.
+    client = client_address(cluster, machine, listen_port) if waits is None else ""
+    listens = _data_links(cluster, machine) if machine.splat_servers else LOOPBACK
+    dialled_at = _reached_at(machine, waits) if waits is not None else ""
     for program, count in (
         (Program.SPLAT_SERVER, machine.splat_servers),
         (Program.MAPSHADE_SERVER, machine.map_shade_servers),
@@ -53,18 +59,19 @@ def _of_machine(cluster: Cluster, number: int, title: str, listen_port: int) -> 
             arguments += cluster.encryption.options
             arguments += [] if cluster.log_format == "text" else ["--log-format", cluster.log_format]
             if waits is None:
-                arguments += ["--connect", client_address(cluster, machine, listen_port)]
+                arguments += ["--connect", client]
                 dialled = None
             else:
                 arguments += ["--wait-at", str(waits)]
-                dialled = waits._replace(host=_reached_at(machine, waits))
+                dialled = waits._replace(host=dialled_at)
                 waits = waits._replace(port=waits.port + 1)
             if metrics is not None and machine.metrics_token is not None:
                 arguments += ["--metrics", str(metrics), "--metrics-token", machine.metrics_token]
                 metrics = metrics._replace(port=metrics.port + 1)
             arguments += _cores(machine, count)
             if program is Program.SPLAT_SERVER:
-                arguments += _data_links(cluster, machine, carried[n] if carried else 0)
+                port = carried[n] if carried else 0
+                arguments += ["--listen", str(Address(listens, port))] if listens != LOOPBACK or port else []
                 arguments += ["--advertise", machine.advertise] if machine.advertise else []
             elif machine.data_root:
                 arguments += ["--data-root", machine.data_root]
@@ -77,13 +84,13 @@ def _cores(machine: Machine, servers: int) -> list[str]:
     return [] if machine.launcher in ENGINES else ["--sharing", str(servers)]
 
 
-def _data_links(cluster: Cluster, machine: Machine, port: int) -> list[str]:
-    """Where a splat server takes them: at this port if it is not 0, and on loopback if nobody comes from elsewhere."""
+def _data_links(cluster: Cluster, machine: Machine) -> str:
+    """Where its splat servers take them: on loopback, which they do by themselves, if nobody comes from elsewhere."""
     others = [one for one in cluster.machines if not one.comes_by_loopback]
     is_local = machine.launcher == "local"
     if machine.hides_splat_servers or (is_local and not others):
-        return ["--listen", str(Address(LOOPBACK, port))] if port else []
-    return ["--listen", str(Address(everywhere_for(cluster, others) if is_local else _everywhere_on(machine), port))]
+        return LOOPBACK
+    return everywhere_for(cluster, others) if is_local else _everywhere_on(machine)
 
 
 def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
@@ -98,11 +105,21 @@ def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
     cure = 'add client = "HOST:PORT", as it is reached from there'
     try:
         _, own = _route(there)
+        if machine.launcher in ENGINES and ip_address(own.partition("%")[0]).is_loopback:
+            own = _address_elsewhere() or own
     except OSError as error:
         raise BadInput(f"{machine.title}: no route to {there} is known ({error.strerror}); {cure}") from error
     if "%" in own:
         raise BadInput(f"{machine.title}: this machine's address towards {there}, {own}, holds on it alone; {cure}")
     return str(Address(own, listen_port))
+
+
+def _address_elsewhere() -> str:
+    """This machine's address towards others, "" if it has none. Debian gives its name one that holds on it alone."""
+    try:
+        return _route(NOBODY)[1]
+    except OSError:
+        return ""
 
 
 def everywhere_for(cluster: Cluster, machines: Iterable[Machine]) -> str:

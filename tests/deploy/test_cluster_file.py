@@ -1,11 +1,14 @@
 """Cluster files: what stands in them is read as it is meant, and whatever is wrong is one line that names the place."""
 
+import socket
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from volsplat.deploy.cluster import orders
 from volsplat.deploy.cluster.orders import ordered
-from volsplat.deploy.cluster_file import Cluster, cluster_from_toml
+from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
 from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.protocol.text.errors import BadInput
 
@@ -60,6 +63,7 @@ def test_every_key_is_read() -> None:
         ('listen = "0.0.0.0:7100"', 'listen = "7100"', "machines[0].listen: '7100' is not an address"),
         ('listen = "0.0.0.0:7100"', 'listen = "0.0.0.0:65534"', "leaves no room for 3 servers"),
         ('memory = "8G"', 'memory = "much"', "machines[0].memory: memory much: give a size"),
+        ('client = "desk.lab:7000"', 'client = "desk.lab:0"', "client: 'desk.lab:0': servers cannot dial port 0"),
         ('name = "lab"', 'name = "../lab"', "name: '../lab' cannot be used"),
         ('name = "lab"', "", "name: this key is missing"),
         (
@@ -115,6 +119,45 @@ def toml(value: object) -> str:
         case dict():
             return "{" + ", ".join(f"{toml(key)} = {toml(inner)}" for key, inner in value.items()) + "}"
     return repr(value)
+
+
+def test_jobs_do_not_dial_the_loopback_by_which_debian_knows_its_own_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(orders, "host_name", lambda machine: "127.0.1.1")
+    monkeypatch.setattr(orders, "NOBODY", "127.0.0.9")  # a machine without a way to others, as far as it knows
+    job = 'name = "lab"\n[[machines]]\nlauncher = "slurm"\nsplat-servers = 1\nmap-shade-servers = 1\n'
+    assert dials(job) == ["127.0.0.1:7000"] * 2
+    monkeypatch.undo()
+    monkeypatch.setattr(orders, "host_name", lambda machine: "127.0.1.1")
+    try:
+        own = own_address()
+    except OSError:
+        pytest.skip("this machine has no way to others")
+    assert dials(job) == [f"{own}:7000"] * 2
+
+
+def own_address() -> str:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        asking.connect(("192.0.2.1", 9))
+        return str(asking.getsockname()[0])
+
+
+def dials(text: str) -> list[str]:
+    """Where servers dial the client."""
+    told = [one.order.arguments for one in ordered(cluster_from_toml(text, "lab.toml"), 7000)]
+    return [arguments[arguments.index("--connect") + 1] for arguments in told]
+
+
+def test_a_machine_s_name_is_looked_up_once_for_all_of_its_servers(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[str | None]()
+
+    def host_name(machine: Machine) -> str:
+        asked.append(machine.host)
+        return "127.0.0.1"
+
+    monkeypatch.setattr(orders, "host_name", host_name)
+    several = '[[machines]]\nlauncher = "ssh"\nhost = "{}"\nsplat-servers = 4\nmap-shade-servers = 4\n'
+    ordered(cluster_from_toml(f'name = "lab"\n{several.format("a")}{several.format("b")}', "lab.toml"), 7000)
+    assert asked == ["a", "a", "b", "b"], "for where it dials, and where it listens"
 
 
 @pytest.mark.parametrize(("host", "everywhere"), [("::1", "[::]:0"), ("127.0.0.1", "0.0.0.0:0")])
