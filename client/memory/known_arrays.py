@@ -59,8 +59,8 @@ def _masked(array: Any) -> ArraySource:
 def _quantity(array: Any) -> ArraySource:
     """Astropy's."""
     if hasattr(array, "uncertainty"):  # NDData, of which CCDData is one
-        masked = np.ma.masked_array(array.data, np.ma.nomask if array.mask is None else array.mask)
-        return replace(_masked(masked), value_unit=str(array.unit or ""))
+        of = ArraySource(array.data) if array.mask is None else _masked(np.ma.masked_array(array.data, array.mask))
+        return replace(of, value_unit=str(array.unit or ""))
     values = _masked(array).values if hasattr(array, "mask") else array
     return ArraySource(values.value, value_unit=str(array.unit))
 
@@ -233,7 +233,7 @@ def _check_image(axes: int, components: int) -> None:
 
 def _even(coordinates: Any) -> tuple[float, float, bool]:
     """The first of an axis's coordinates, their step, and whether they lie evenly."""
-    if np.asarray(coordinates).dtype.kind not in "iuf":
+    if len(coordinates) == 0 or np.asarray(coordinates).dtype.kind not in "iuf":
         return 0.0, 1.0, len(coordinates) < 2
     if len(coordinates) == 1:
         return float(coordinates[0]), 1.0, True

@@ -78,7 +78,7 @@ def _read(values: Any, sheets: slice, scalar_type: str) -> Any:
         return np.ascontiguousarray(values[sheets], scalar_type)
     except TypeError as error:  # as of arrays on a GPU, which say how to fetch them
         raise BadInput(f"the array gives no numbers that could be drawn: {error}") from None
-    except OSError as error:  # of the file or store that it is read from
+    except (OSError, RuntimeError) as error:  # of the file or store that it is read from
         raise BadInput(f"the array cannot be read: {error}") from None
 
 

@@ -7,30 +7,38 @@ from itertools import count
 from pathlib import Path
 
 from volsplat.client.image.image_file import read_scene
-from volsplat.client.script.rendered_image import RenderedImage
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 PACKED = (".gz", ".bz2", ".xz", ".zst")  # endings that others stand before
 
-_GIVEN: set[Path] = set()
+LONGEST_NAME = 200  # bytes; file systems take 255
+
+_WRITTEN: set[Path] = set()
 
 
-def unused_picture(image: RenderedImage) -> Path:
-    """A PNG of the working folder. Of the names that are in use only those of earlier scripts' pictures are taken."""
-    name = _name_of(image)
+def note_written(path: Path) -> None:
+    """This script has written it."""
+    _WRITTEN.add(path.absolute())
+
+
+def unused_picture(volume_path: str | None, name: str) -> Path:
+    """A PNG of the working folder. Of the names that are in use only those of earlier scripts' pictures are taken.
+
+    `name` is the volume's, for one that has no path.
+    """
+    base = _base(volume_path, name)
     for number in count(1):
-        path = Path(f"{name}.png" if number == 1 else f"{name}-{number}.png")
-        if path.absolute() not in _GIVEN and (not path.exists() or _is_picture_of_ours(path)):
-            _GIVEN.add(path.absolute())
+        path = Path(f"{base}.png" if number == 1 else f"{base}-{number}.png")
+        if path.absolute() not in _WRITTEN and (not path.exists() or _is_picture_of_ours(path)):
             return path
     raise AssertionError("numbers do not end")
 
 
-def _name_of(image: RenderedImage) -> str:
-    if image.volume_path is None:
-        return _as_file_name(image.volume_name)
-    named = volume_name(image.volume_path)
+def _base(volume_path: str | None, name: str) -> str:
+    if volume_path is None:
+        return _as_file_name(name)
+    named = volume_name(volume_path)
     place = Path(named.place)
     if place.suffix in PACKED:
         place = place.with_suffix("")
@@ -38,7 +46,8 @@ def _name_of(image: RenderedImage) -> str:
 
 
 def _as_file_name(name: str) -> str:
-    return re.sub(r"[^\w. -]+", "-", name).strip(". -") or "volume"
+    plain = re.sub(r"[^\w. -]+", "-", name).strip(". -") or "volume"
+    return plain.encode()[:LONGEST_NAME].decode(errors="ignore")
 
 
 def _is_picture_of_ours(path: Path) -> bool:

@@ -92,7 +92,7 @@ def plot(
     if save is None and _has_display():
         return view(volume, scene, **changes)
     image = render(volume, scene, **changes)
-    path = Path(save) if save is not None else unused_picture(image)
+    path = Path(save) if save is not None else unused_picture(image.volume_path, image.volume_name)
     image.save(path)
     print(path)
     return image

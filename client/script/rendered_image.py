@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.written_apart import check_written_apart
+from volsplat.client.script.picture_names import note_written
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
@@ -31,7 +32,7 @@ class RenderedImage:
     def __init__(
         self, published: PublishedImage, scene: Scene, volume: SurveyedVolume, volume_path: str | None
     ) -> None:
-        """`volume_path` is None of an array in memory."""
+        """`volume_path` is None of an array in memory, and of what lies where servers see it alone."""
         self._published = published
         self._volume = volume
         self.volume_path = volume_path
@@ -119,6 +120,7 @@ def _save(path: Path, image: RenderedImage, volume: SurveyedVolume, figure: Figu
     if image.volume_path is not None:
         check_written_apart(image.volume_path, path)
     write_picture(path, image.numpy(), image.scene, volume, figure)
+    note_written(path)
 
 
 def _pil(pixels: NDArray[np.float32], background: Colour | None) -> Image:

@@ -65,8 +65,12 @@ class ClusterServers:
     def _down(self) -> None:
         if not self._opened_by.is_here:  # a process that was forked ends
             return
+        try:
+            self._running.down(self._report)
+        except VolsplatError:  # another try would end alike, but after Ctrl-C it need not
+            atexit.unregister(self._down_at_exit)
+            raise
         atexit.unregister(self._down_at_exit)
-        self._running.down(self._report)
 
     def _down_at_exit(self) -> None:
         try:

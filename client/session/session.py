@@ -135,7 +135,6 @@ class Session:
         if self._in_memory is not None and (cluster is not None or not spawn):
             raise BadInput(SAVE_FIRST)
         name = None if volume is None else checked_volume(volume if self._in_memory is None else self._in_memory.place)
-        self.path = name if self._in_memory is None else None  # of the volume, as it was given
         self._shown = (name or "no volume") if self._in_memory is None else self._in_memory.description.name
         if trace is not None and name is not None:
             check_written_apart(name, records=[Path(trace)])
@@ -180,13 +179,17 @@ class Session:
         self._images = AskedImages(self._coordination, self._links.session, self.counts, self._tracer)
         atexit.register(self.close)  # a script may forget to
         self._spawns = spawn
+        self.path: str | None = None  # of the volume, if it has one that holds here and not only where its servers are
         try:
             if self._cluster is not None:
                 self._cluster.join(self._links)
             if spawn:
                 self._links.start(workers, splat_servers, threads, None if data_root is None else str(data_root))
             if name is not None:
-                asked = VolumeAsked(self._as_servers_see(name), workers, splat_servers, memory, held)
+                seen = self._as_servers_see(name)
+                if self._in_memory is None and (spawn or Path(seen).is_absolute()):
+                    self.path = seen
+                asked = VolumeAsked(seen, workers, splat_servers, memory, held)
                 self._coordination.tell(asked)
         except BaseException:
             self.close()

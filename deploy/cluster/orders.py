@@ -2,7 +2,6 @@
 
 import socket
 from collections.abc import Iterable, Iterator
-from ipaddress import ip_address
 from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
@@ -14,6 +13,7 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import EVERYWHERE, EVERYWHERE_6, LOOPBACK, Address, parse_address
 
 SHORT = {Program.SPLAT_SERVER: "splat", Program.MAPSHADE_SERVER: "map/shade"}
+DEBIANS_OWN = "127.0.1.1"  # to which Debian resolves a machine's own name: it holds on that machine alone
 NOBODY = "192.0.2.1"  # an address for documents (RFC 5737): the way to it is that to everybody
 DISCARD_PORT = 9  # to find a route nothing is sent, so any will do
 
@@ -104,8 +104,8 @@ def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
         raise BadInput(f'{machine.title}: its servers must know where to dial; add client = "HOST:PORT", or listen')
     cure = 'add client = "HOST:PORT", as it is reached from there'
     try:
-        _, own = _route(there)
-        if machine.launcher in ENGINES and ip_address(own.partition("%")[0]).is_loopback:
+        _, own, reached = _route(there)
+        if machine.launcher in ENGINES and reached == DEBIANS_OWN:
             own = _address_elsewhere() or own
     except OSError as error:
         raise BadInput(f"{machine.title}: no route to {there} is known ({error.strerror}); {cure}") from error
@@ -115,9 +115,9 @@ def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
 
 
 def _address_elsewhere() -> str:
-    """This machine's address towards others, "" if it has none. Debian gives its name one that holds on it alone."""
+    """This machine's address towards others, "" if it has none."""
     try:
-        return _route(NOBODY)[1]
+        return _route(NOBODY).own
     except OSError:
         return ""
 
@@ -137,14 +137,22 @@ def _everywhere_on(machine: Machine) -> str:
 def _everywhere(host: str) -> str:
     """On every address of IPv4, and of IPv6 too if nothing else is known to lead to this host."""
     try:
-        family, _ = _route(host)
+        family = _route(host).family
     except OSError:  # it is known elsewhere alone
         return EVERYWHERE
     return EVERYWHERE_6 if family == socket.AF_INET6 else EVERYWHERE
 
 
-def _route(host: str) -> tuple[socket.AddressFamily, str]:
-    """By which family a host is reached, IPv4 if it can be, and this machine's address towards it. Raises OSError."""
+class Way(NamedTuple):
+    """From this machine to a host, each by its address."""
+
+    family: socket.AddressFamily
+    own: str
+    reached: str
+
+
+def _route(host: str) -> Way:
+    """By IPv4 if that leads there. Raises OSError."""
     try:
         ways = socket.getaddrinfo(host, DISCARD_PORT, type=socket.SOCK_DGRAM)
     except UnicodeError as error:  # DNS has no such names
@@ -154,7 +162,7 @@ def _route(host: str) -> tuple[socket.AddressFamily, str]:
         try:
             with socket.socket(family, socket.SOCK_DGRAM) as asking:
                 asking.connect(place)
-                return family, str(asking.getsockname()[0])
+                return Way(family, str(asking.getsockname()[0]), str(place[0]))
         except OSError as error:
             failures.append(error)
     raise failures[0]

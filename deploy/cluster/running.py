@@ -61,9 +61,14 @@ class RunningCluster:
     def cannot_listen(self, error: BadInput) -> BadInput:
         """What a client is told that has no port for the servers that dial in."""
         problem, _, _ = str(error).partition("; ")
+        other = (
+            f"bring the cluster down and up again ({self.path}), which chooses another port"
+            if self.cluster.client is None
+            else f"give client another port in {self.path}"
+        )
         return BadInput(
             f"{problem}: the cluster {self.cluster.name} serves another client of this machine, or another program has "
-            f'its port; end that one, or give client = "HOST:PORT" another in {self.path}'
+            f"its port; end that one, or {other}"
         )
 
     def tunnels(self, state: ClusterState, report: Report) -> Tunnels:
@@ -83,21 +88,20 @@ class RunningCluster:
                 f"{self.path}: has changed since the cluster {self.cluster.name} was brought up; end that first: "
                 f"volsplat deploy down {self.path}"
             )
-        if state is not None and self._is_elsewhere(state):
-            raise BadInput(
-                f"the cluster {self.cluster.name} was brought up on {state.host}, where its servers look for clients; "
-                f"use it there, or end it: volsplat deploy down {self.path}"
-            )
+        if state is not None:
+            self._check_is_here(state)
         return state
 
-    def _is_elsewhere(self, state: ClusterState) -> bool:
-        """Whether another machine's home is this one's, and has the servers or is dialled by them."""
-        dialled = any(not one.wait_at for one in state.servers)
-        return state.host not in ("", socket.gethostname()) and (dialled or self._runs_local(state))
-
-    def _runs_local(self, state: ClusterState) -> bool:
+    def _check_is_here(self, state: ClusterState) -> None:
+        """Raises BadInput where servers of another machine with the same home would be taken for this one's."""
         machines = cluster_from_toml(state.file, str(self.path)).machines
-        return any(machines[one.machine].launcher == "local" for one in state.servers)
+        runs_local = any(machines[one.machine].launcher == "local" for one in state.servers)
+        if runs_local and state.host not in ("", socket.gethostname()):
+            raise BadInput(
+                f"servers of the cluster {self.cluster.name} run on {state.host}; use them there, and end them there. "
+                f"If that machine is gone or has another name now, remove {self.folder.path / 'state.json'}: servers "
+                f"end by themselves after {self.cluster.keep:g} s without a client"
+            )
 
     def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
         """Start what is missing; or, in the place of the servers named `anew` alone, others, once these have ended.
@@ -215,11 +219,7 @@ class RunningCluster:
                 self.folder.forget()
                 report(f"the cluster {self.cluster.name} is not up")
                 return
-            if self._is_elsewhere(state) and self._runs_local(state):
-                raise BadInput(
-                    f"servers of {self.cluster.name} run on {state.host}; end them there, or, if it has started anew "
-                    f"since, remove {self.folder.path / 'state.json'}"
-                )
+            self._check_is_here(state)
             cluster = cluster_from_toml(state.file, str(self.path))
             failed = self._stop(cluster, state.servers, report)
             if not failed:

@@ -34,7 +34,7 @@ class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
 class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     file: str  # the cluster file as of `up`
     listen_port: int  # where clients listen for servers that dial in
-    host: str = ""  # whose servers of the launcher `local` these are, and which others dial
+    host: str = ""  # the machine whose servers those of the launcher `local` are
     servers: tuple[KnownServer, ...] = ()
 
 

@@ -50,9 +50,9 @@ class Meeting:
                 threading.Thread(target=self._call, args=(one,), name=f"call {one.started.name}", daemon=True).start()
 
     def _listening(self) -> Listener:
-        host, port = self._running.listens_at(self._state)
+        (host, port), token = self._running.listens_at(self._state), self._running.token
         try:
-            return Listener(Role.CLIENT, self._running.token, host=host, port=port, encryption=self._encryption)
+            return Listener(Role.CLIENT, token, host=host, port=port, encryption=self._encryption)
         except BadInput as error:
             raise self._running.cannot_listen(error) from error
 

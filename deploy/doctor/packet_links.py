@@ -34,10 +34,14 @@ def packet_links(there: Mapping[str, tuple[KnownServer, Connection]], meeting: M
         key = keys[worker.peer.id]
         return [_link(name, worker, other, _route(worker, splat, key), meeting) for other, splat in splats.items()]
 
-    if workers:
-        with ThreadPoolExecutor(len(workers), "packet links") as pool:  # each waits where ports are closed
-            for found in pool.map(of_worker, workers):
-                yield from found
+    if not workers:
+        return
+    pool = ThreadPoolExecutor(len(workers), "packet links")  # each waits where ports are closed
+    try:
+        for found in pool.map(of_worker, workers):
+            yield from found
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)  # what still waits ends with its connection
 
 
 def _route(worker: Connection, splat: Connection, key: bytes) -> Route:

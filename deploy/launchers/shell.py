@@ -90,7 +90,7 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
     ]
     parts += map(_root_check, dict.fromkeys(filter(None, map(_data_root, orders))))
     parts += [
-        f'true > "$d"/{log} || {{ printf "%s cannot be written\n" "$d"/{log}; exit 1; }}\n'
+        f'true >> "$d"/{log} || {{ printf "%s cannot be written\n" "$d"/{log}; exit 1; }}\n'
         for log in (f"{file_name(order.name)}.log" for order in orders)
     ]
     for order, command in zip(orders, commands, strict=True):

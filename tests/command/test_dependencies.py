@@ -30,7 +30,12 @@ MAY_USE = {
     "client": {ALWAYS},
     "client/export/mesh.py": {ALWAYS, "export"},
     "client/figure/pdf_file.py": {ALWAYS, "pdf", "pillow"},  # which reportlab brings
-    "client/memory/known_arrays.py": {ALWAYS, "itk", "nibabel", "vtk"},  # of an image that is theirs, so that they are there
+    "client/memory/known_arrays.py": {
+        ALWAYS,
+        "itk",
+        "nibabel",
+        "vtk",
+    },  # of an image that is theirs, so that they are there
     "client/phantoms": {ALWAYS, "torch"},
     "client/scene/colour_maps.py": {ALWAYS, "matplotlib"},
     "client/script/rendered_image.py": {ALWAYS, "ui"},

@@ -15,24 +15,12 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_watch
-from volsplat.deploy.launchers.launcher import ServerState, StartedServer
-from volsplat.deploy.launchers.slurm import Job
-from volsplat.deploy.launchers.slurm import _said as said
 
 WHY_NOT = why_no_slurm()
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 
 MACHINE = f'launcher = "slurm"\ncommand = "{VOLSPLAT}"\nthreads = 1\n'
 FULL = f"slurm.options = ['--exclusive', '--cpus-per-task={CORES}']\n"  # one job fills the only node
-
-
-@pytest.mark.parametrize(
-    ("word", "state"),
-    [("COMPLETING", ServerState.QUEUED), ("RUNNING", ServerState.RUNNING), ("COMPLETED", ServerState.ENDED)],
-)
-def test_a_job_is_ended_only_once_slurm_will_not_run_it_again(word: str, state: ServerState) -> None:
-    server = StartedServer("node splat", "job 1", {"job": "1", "log": "/nowhere"})
-    assert said(server, Job(word, "node", "Resources")).state is state
 
 
 @pytest.fixture(scope="module")

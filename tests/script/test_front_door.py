@@ -162,10 +162,12 @@ def test_pictures_that_plot_names_replace_none_but_those_of_earlier_scripts(tmp_
         "import numpy as np, volsplat as vs\n"
         "values = np.arange(4096, dtype=np.uint16).reshape(16, 16, 16)\n"
         "brain = vs.Volume(values, name='brain', spacing=(1, 1, 1))\n"
-        "for volume in ('run.h5#/entry/a', 'run.h5#/entry/b', brain, brain):\n"
+        "long = vs.Volume(values, name=130 * 'ö', spacing=(1, 1, 1))\n"
+        "vs.render(brain, size=20).save('brain-2.png')\n"
+        "for volume in ('run.h5#/entry/a', 'run.h5#/entry/b', brain, brain, long):\n"
         "    vs.plot(volume, size=20)\n"
     )
-    named = "run-a.png\nrun-b.png\nbrain-2.png\nbrain-3.png\n"
+    named = f"run-a.png\nrun-b.png\nbrain-3.png\nbrain-4.png\n{100 * 'ö'}.png\n"
     assert in_script(tmp_path, script) == in_script(tmp_path, script) == named
     assert (tmp_path / "brain.png").read_bytes() == b"somebody's own"
 

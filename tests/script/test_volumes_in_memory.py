@@ -166,6 +166,7 @@ def test_astropys_quantities_have_their_unit() -> None:
     measured = Volume(CCDData(VALUES, unit="adu", mask=VALUES < 1500), spacing=(1, 1, 1))
     assert measured.description.value_unit == "adu"
     assert np.array_equal(read(measured), np.where(VALUES < 1500, np.nan, VALUES), equal_nan=True)
+    assert Volume(CCDData(VALUES, unit="adu"), spacing=(1, 1, 1)).description.scalar_type == "int16"
 
 
 def with_coordinates(x: str, y: str, z: str) -> Any:
@@ -259,6 +260,7 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
         (torch.empty((2, 2, 2), device="meta"), {}, "the Tensor gives no numbers that could be drawn"),
         (OnGraphicsCard(), {"spacing": (1, 1, 1)}, "gives no numbers that could be drawn: fetch it by .get()"),
         (Unreadable(), {"spacing": (1, 1, 1)}, "the array cannot be read: can't open directory (/usr"),
+        (labelled().isel(z=slice(0)), {}, "has no voxels"),
         (pyvista.Sphere(), {}, "a PolyData is no image of voxels; resample it to one"),
     ],
 )
