@@ -7,7 +7,7 @@ from contextlib import suppress
 
 
 def end_group(process: "subprocess.Popen[str]", number: signal.Signals = signal.SIGTERM) -> None:
-    """Signal it and what it has started, as ssh does the ways by jump hosts. Does nothing once it was waited for."""
+    """Signal it and what it has started, as ssh starts the way by a jump host. Does nothing once it has ended."""
     if process.poll() is None:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, number)

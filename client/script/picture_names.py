@@ -11,7 +11,6 @@ from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 PACKED = (".gz", ".bz2", ".xz", ".zst")  # endings that others stand before
-
 LONGEST_NAME = 200  # bytes; file systems take 255
 
 _WRITTEN: set[Path] = set()
