@@ -1,5 +1,6 @@
 """Servers that a person has started by hand, each in a folder of its own."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -16,13 +17,22 @@ BELOW_CONNECTIONS = 16384, 32768  # Linux gives those above to connections
 TOGETHER = 8  # ports, as servers that wait take one after the other
 
 
+# Of those who test side by side each has ports of its own: what is free may not be in use yet.
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+_given: set[int] = set()
+
+
 def free_port() -> int:
-    """One that is free like those after it, and that the system gives to no connection meanwhile."""
+    """One that is free like those after it, that no other test has been given, nor the system gives to a connection."""
+    begin, end = BELOW_CONNECTIONS
+    ours = range(begin + WORKER * TOGETHER, end - TOGETHER, WORKERS * TOGETHER)
     while True:
-        first = SystemRandom().randrange(*BELOW_CONNECTIONS, TOGETHER)
+        first = SystemRandom().choice([port for port in ours if port not in _given])
+        _given.add(first)
         with suppress(OSError), ExitStack() as held:
             for port in range(first, first + TOGETHER):
-                held.enter_context(socket.create_server(("127.0.0.1", port)))
+                held.enter_context(socket.create_server(("", port)))
             return first
 
 
