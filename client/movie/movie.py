@@ -155,7 +155,7 @@ def _video(
                 refused = True
             _await_end(ffmpeg, cancelled)
             if refused or ffmpeg.returncode != 0:
-                said = _read_complaints(complaints).replace(str(temporary), path.name)
+                said = _read_complaints(complaints).replace(str(temporary.absolute()), path.name)
                 failure = BadInput if os.strerror(errno.ENOSPC) in said else VolsplatError
                 raise failure(f"{path}: ffmpeg could not write the movie: {said}")
             os.replace(temporary, target)
@@ -177,7 +177,13 @@ def _ffmpeg_command(encoder: Sequence[str], rate: int, width: int, height: int, 
     return [
         *("ffmpeg", "-hide_banner", "-loglevel", "error", "-xerror", "-nostdin", "-y", *source, "-i", "pipe:0"),
         *("-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int+bicubic"),
-        *("-pix_fmt", "yuv420p", *colours, *encoder, f"file:{output}"),  # else what stands before a colon is a protocol
+        *(
+            "-pix_fmt",
+            "yuv420p",
+            *colours,
+            *encoder,
+            str(output.absolute()),
+        ),  # of a relative one ffmpeg would take what stands before a colon for a protocol
     ]
 
 
