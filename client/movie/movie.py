@@ -170,20 +170,15 @@ def _video(
 def _ffmpeg_command(encoder: Sequence[str], rate: int, width: int, height: int, output: Path) -> list[str]:
     """Raw RGB on stdin. The colours of the file are those of HD television, and it says so, else players guess.
 
-    Without -xerror a disk that is full at the end is a success to ffmpeg.
+    Without -xerror a disk that is full at the end is a success to ffmpeg. What stands before a colon in a relative path
+    is a protocol to it.
     """
     source = ["-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{width}x{height}", "-framerate", str(rate)]
     colours = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"]
     return [
         *("ffmpeg", "-hide_banner", "-loglevel", "error", "-xerror", "-nostdin", "-y", *source, "-i", "pipe:0"),
         *("-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int+bicubic"),
-        *(
-            "-pix_fmt",
-            "yuv420p",
-            *colours,
-            *encoder,
-            str(output.absolute()),
-        ),  # of a relative one ffmpeg would take what stands before a colon for a protocol
+        *("-pix_fmt", "yuv420p", *colours, *encoder, str(output.absolute())),
     ]
 
 
