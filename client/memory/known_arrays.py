@@ -17,7 +17,7 @@ from volsplat.client.memory.array_source import ArraySource
 from volsplat.client.memory.no_data import NetcdfValues, with_nan
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.text.length_units import CommonUnit, in_one_unit
+from volsplat.protocol.text.length_units import CommonUnit, in_one_unit, told_several
 
 PATIENT_UNIT = "mm"  # of ITK's images, and of NIfTI's where the header says none
 RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
@@ -124,9 +124,8 @@ def _by_coordinates(
         units.append(unit)
     placed, common = all(axis in coordinates for axis in order), in_one_unit(units)
     if placed and common is None:
-        named = ", ".join(unit or "none" for unit in units)
-        warnings.append(f"its axes are in several units ({named}), drawn as if these were one")
-    common = common or CommonUnit("", [1.0] * len(units))
+        warnings.append(told_several([unit or "none" for unit in units]))
+    common = common or CommonUnit.none()
     return ArraySource(
         values,
         name=name,

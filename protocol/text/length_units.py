@@ -50,6 +50,16 @@ class CommonUnit(NamedTuple):
     unit: str
     factors: list[float]
 
+    @classmethod
+    def none(cls) -> "CommonUnit":
+        """Of three axes in several units that have nothing in common: they are drawn as if these were one."""
+        return cls("", [1.0] * 3)
+
+
+def told_several(names: Sequence[str]) -> str:
+    """The warning about such axes."""
+    return f"its axes are in several units ({', '.join(names)}), drawn as if these were one"
+
 
 def in_one_unit(names: Sequence[str]) -> CommonUnit | None:
     """The first of several units, None if they have none in common: all are lengths, or all are alike."""

@@ -16,7 +16,7 @@ from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix, Vector, scaled, transposed
-from volsplat.protocol.text.length_units import CommonUnit, in_one_unit
+from volsplat.protocol.text.length_units import CommonUnit, in_one_unit, told_several
 
 DISAGREEMENT = 0.01  # of a spacing, that the one by an axis' ends may differ from the stated one
 
@@ -157,6 +157,4 @@ def _units(header: NrrdHeader, named: Sequence[str], axes: tuple[int, int, int])
     names = [named[axis] for axis in axes] if len(named) > max(axes) else list(named[:1]) * 3
     if common := in_one_unit(names or [""] * 3):
         return common, ()
-    return CommonUnit("", [1.0] * 3), (
-        f"its axes are in several units ({', '.join(names)}), drawn as if these were one",
-    )
+    return CommonUnit.none(), (told_several(names),)
