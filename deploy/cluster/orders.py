@@ -143,7 +143,7 @@ def _everywhere(host: str) -> str:
     return EVERYWHERE_6 if family == socket.AF_INET6 else EVERYWHERE
 
 
-class Way(NamedTuple):
+class KnownRoute(NamedTuple):
     """From this machine to a host, each by its address."""
 
     family: socket.AddressFamily
@@ -151,7 +151,7 @@ class Way(NamedTuple):
     reached: str
 
 
-def _route(host: str) -> Way:
+def _route(host: str) -> KnownRoute:
     """By IPv4 if that leads there. Raises OSError."""
     try:
         ways = socket.getaddrinfo(host, DISCARD_PORT, type=socket.SOCK_DGRAM)
@@ -162,7 +162,7 @@ def _route(host: str) -> Way:
         try:
             with socket.socket(family, socket.SOCK_DGRAM) as asking:
                 asking.connect(place)
-                return Way(family, str(asking.getsockname()[0]), str(place[0]))
+                return KnownRoute(family, str(asking.getsockname()[0]), str(place[0]))
         except OSError as error:
             failures.append(error)
     raise failures[0]

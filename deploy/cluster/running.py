@@ -89,18 +89,17 @@ class RunningCluster:
                 f"volsplat deploy down {self.path}"
             )
         if state is not None:
-            self._check_is_here(state)
+            self._check_is_here(state, self.cluster)
         return state
 
-    def _check_is_here(self, state: ClusterState) -> None:
+    def _check_is_here(self, state: ClusterState, cluster: Cluster) -> None:
         """Raises BadInput where servers of another machine with the same home would be taken for this one's."""
-        machines = cluster_from_toml(state.file, str(self.path)).machines
-        runs_local = any(machines[one.machine].launcher == "local" for one in state.servers)
+        runs_local = any(cluster.machines[one.machine].launcher == "local" for one in state.servers)
         if runs_local and state.host not in ("", socket.gethostname()):
             raise BadInput(
                 f"servers of the cluster {self.cluster.name} run on {state.host}; use them there, and end them there. "
                 f"If that machine is gone or has another name now, remove {self.folder.path / 'state.json'}: servers "
-                f"end by themselves after {self.cluster.keep:g} s without a client"
+                f"end by themselves after {cluster.keep:g} s without a client"
             )
 
     def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
@@ -219,8 +218,8 @@ class RunningCluster:
                 self.folder.forget()
                 report(f"the cluster {self.cluster.name} is not up")
                 return
-            self._check_is_here(state)
             cluster = cluster_from_toml(state.file, str(self.path))
+            self._check_is_here(state, cluster)
             failed = self._stop(cluster, state.servers, report)
             if not failed:
                 self.folder.forget()

@@ -89,12 +89,9 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
         for command in dict.fromkeys(commands)
     ]
     parts += map(_root_check, dict.fromkeys(filter(None, map(_data_root, orders))))
-    parts += [
-        f'true >> "$d"/{log} || {{ printf "%s cannot be written\n" "$d"/{log}; exit 1; }}\n'
-        for log in (f"{file_name(order.name)}.log" for order in orders)
-    ]
-    for order, command in zip(orders, commands, strict=True):
-        log = file_name(order.name) + ".log"
+    logs = [f"{file_name(order.name)}.log" for order in orders]
+    parts += [f'true >> "$d"/{log} || {{ printf "%s cannot be written\n" "$d"/{log}; exit 1; }}\n' for log in logs]
+    for order, command, log in zip(orders, commands, logs, strict=True):
         words = " ".join([command, *map(shlex.quote, order.arguments)])
         parts.append(
             f'setsid nohup {words} > "$d"/{log} 2>&1 < /dev/null &\n'
