@@ -50,7 +50,7 @@ class HeldVolume:
         self._path = ""
         self._identity: VolumeIdentity | None = None  # of the volume that levels are of
         self._quantisation: Quantisation | None = None  # that values were packed by
-        self._surveyed: Surveyed | None = None  # of the values that were packed
+        self._surveyed: Surveyed | None = None  # of that volume's values, which were packed
         self._again: messages.ReadSubCubes | None = None  # was answered by what a client before had read
         self._passed: list[PassedBox] = []  # that are surveyed, but not held
         self._passed_by: Callable[[], None] = lambda: None  # checks that they are of the volume that was described
@@ -245,6 +245,8 @@ class HeldVolume:
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
+        if self._identity != request.identity:
+            self._surveyed = None
         self._path, self._identity, self._quantisation = "", request.identity, request.quantisation
         self._ahead.drop()
         return [self._packed(request.assignment, started, read)]

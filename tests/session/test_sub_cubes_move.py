@@ -261,6 +261,7 @@ def test_one_that_joins_gets_its_part_whatever_it_had_kept(volume: Path, tmp_pat
         answered(joiner, messages.ChangeSubCubes(1, str(volume), [SECOND], described.identity, rules))
     asked_of(whole := HeldVolume(), volume, SECOND, rules)
     assert packets(fresh) == packets(kept) == packets(whole)
+    assert asked_of(kept, copy, SECOND, rules) == asked_of(HeldVolume(), copy, SECOND, rules), "drawn as what it held"
 
 
 def test_what_is_held_stays_where_a_change_is_refused(volume: Path, tmp_path: Path) -> None:
