@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from volsplat.mapshade_server.answers.volume_answers import Answer, Surveyed, check_within, counted, store_described
-from volsplat.mapshade_server.held.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
+from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
 from volsplat.mapshade_server.held.packet_store import is_store
 from volsplat.mapshade_server.held.slabs import PassedBox, slab_reader
@@ -21,7 +21,9 @@ from volsplat.mapshade_server.held.volume_identity import (
     identified_store,
     identified_volume,
 )
+from volsplat.mapshade_server.held.wanted_reader import GivenUp, while_wanted
 from volsplat.mapshade_server.parts_ahead import PartsAhead
+from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.program.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
@@ -64,10 +66,13 @@ class HeldVolume:
         return type(request) in HANDLERS
 
     def answers(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> list[Answer]:
-        """Do what is asked. Raises BadInput if that cannot be done."""
+        """Do what is asked, or no more of it once that is out of date. Raises BadInput if it cannot be done."""
         handler = HANDLERS[type(request)].method
         try:
             answers: list[Answer] = handler(self, request, payload) if payload else handler(self, request)
+        except GivenUp:
+            self._budget.taken()
+            return []
         except BaseException:
             self._budget.taken()
             raise
@@ -136,6 +141,7 @@ class HeldVolume:
         if request.held:
             self._make_room(bytes_to_read(description, request.boxes))
         self._drop()  # nothing is held, should the reading fail
+        reader = self._while_wanted(reader, request.assignment)
         if not request.held:
             slabs = slab_reader(reader)
             self._passed = [PassedBox(slabs, box) for box in request.boxes]
@@ -156,7 +162,7 @@ class HeldVolume:
         reader = described_volume(request.path, request.identity)
         self._make_room(bytes_to_lend(reader.describe()))
         self._drop()
-        loan = lent(reader)
+        loan = lent(self._while_wanted(reader, request.assignment))
         check_still(request.path, reader, reader.describe(), request.identity)
         self._lent, self._lent_for = loan, request.assignment
         answer = messages.VolumeLent(
@@ -226,7 +232,8 @@ class HeldVolume:
         needed = bytes_to_change(reader.describe(), asked.boxes, [cube.box for cube in held])
         self._budget.take(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
         self._levels, self._again, self._quantisation = {}, None, None
-        sub_cubes, read = packed_sub_cubes(reader, request.quantisation, asked.boxes, held)
+        wanted = self._while_wanted(reader, request.assignment)
+        sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, asked.boxes, held)
         check_still(asked.path, reader, reader.describe(), asked.identity)
         self._levels, self._quantisation = {0: sub_cubes}, request.quantisation
         return [self._packed(request.assignment, started, read)]
@@ -242,7 +249,8 @@ class HeldVolume:
         check_within(request.boxes, description.geometry)
         needed = bytes_to_change(description, request.boxes, [cube.box for cube in held])
         self._budget.take(needed, self.packed_bytes, let_go=0)
-        sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
+        wanted = self._while_wanted(reader, request.assignment)
+        sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
         if self._identity != request.identity:
@@ -253,11 +261,15 @@ class HeldVolume:
 
     def reading_ahead(self, request: messages.ReadAhead) -> Callable[[], None]:
         """See PartsAhead.begin."""
-        return self._ahead.begin(request, self._packed_as(request.identity, request.quantisation))
+        packed = self._packed_as(request.identity, request.quantisation)
+        return self._ahead.begin(request, packed, lambda: self.superseded(self.assignment))
 
     def give_up_reading(self) -> None:
         """What is being read ahead."""
         self._ahead.drop()
+
+    def _while_wanted(self, reader: VolumeReader, assignment: int) -> VolumeReader:
+        return while_wanted(reader, lambda: self.superseded(assignment))
 
     def _packed_as(self, identity: VolumeIdentity, quantisation: Quantisation) -> list[SubCube]:
         """The sub-cubes that are held, if they are of this volume by these rules."""

@@ -5,17 +5,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from volsplat.mapshade_server.answers.volume_answers import check_within
-from volsplat.mapshade_server.held.kept_packets import GivenUp
+from volsplat.mapshade_server.held.slabs import slab_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
+from volsplat.mapshade_server.held.wanted_reader import while_wanted
 from volsplat.program.memory_budget import MemoryBudget, bytes_to_read
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.volume_messages import ReadAhead
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.text.errors import BadInput
-
-SLAB_VOXELS = 1 << 22  # that are read and packed before it is looked whether they are still wanted
 
 
 @dataclass
@@ -39,10 +38,12 @@ class PartsAhead:
         self._budget = budget
         self._parts: _Parts | None = None
 
-    def begin(self, request: ReadAhead, held: Sequence[SubCube]) -> Callable[[], None]:
+    def begin(
+        self, request: ReadAhead, held: Sequence[SubCube], given_up: Callable[[], bool] = lambda: False
+    ) -> Callable[[], None]:
         """What reads all of these boxes that is not held, for a thread of its own to call.
 
-        That raises GivenUp if they are not wanted any more, BadInput if they cannot be read.
+        That raises GivenUp if they are not wanted any more, which `given_up` may tell, BadInput if they cannot be read.
         """
         before, parts = self._parts, _Parts(request.identity, request.quantisation)
         self.drop()
@@ -54,7 +55,7 @@ class PartsAhead:
                 if before is not None and before.as_asked(request.identity, request.quantisation):
                     before.over.wait()
                     parts.cubes += [cube for cube in before.cubes if any(map(cube.box.common, request.boxes))]
-                self._read(request, parts, boxes)
+                self._read(request, parts, boxes, lambda: parts.given_up or given_up())
             except BadInput:
                 parts.cubes.clear()  # of another volume, maybe
                 raise
@@ -77,19 +78,16 @@ class PartsAhead:
         if self._parts is not None:
             self._parts.given_up, self._parts = True, None
 
-    def _read(self, request: ReadAhead, parts: _Parts, held: Sequence[Box]) -> None:
+    def _read(self, request: ReadAhead, parts: _Parts, held: Sequence[Box], given_up: Callable[[], bool]) -> None:
         reader = described_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
         rest = list(_without(request.boxes, [*held, *(cube.box for cube in parts.cubes)]))
         self._budget.take(bytes_to_read(description, rest), held=0, let_go=0)
-        for slab in (slab for part in rest for slab in _slabs(part)):
-            if parts.given_up:
-                raise GivenUp
-            cube = SubCube(description.geometry, slab, description.second_scalar)
-            cube.read(reader)
-            cube.pack(request.quantisation)
-            parts.cubes.append(cube)
+        slabs = slab_reader(while_wanted(reader, given_up))
+        for slab in (slab for box in rest for slab in slabs.slabs(box)):
+            slab.sub_cube.pack(request.quantisation)
+            parts.cubes.append(slab.sub_cube)
         check_still(request.path, reader, description, request.identity)
 
 
@@ -99,13 +97,3 @@ def _without(boxes: Sequence[Box], held: Sequence[Box]) -> Iterator[Box]:
         for other in held:
             rest = [part for one in rest for part in one.without(other)]
         yield from rest
-
-
-def _slabs(box: Box) -> Iterator[Box]:
-    """Whole sheets of it."""
-    ni, nj, _ = box.size
-    sheets, rest = max(SLAB_VOXELS // (ni * nj), 1), box
-    while rest.size[2] > sheets:
-        slab, rest = rest.cut(2, rest.low[2] + sheets)
-        yield slab
-    yield rest

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 
 import msgspec
@@ -26,8 +26,8 @@ from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.frames.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frames.frame_tally import FrameTally
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
-from volsplat.mapshade_server.held.kept_packets import GivenUp
 from volsplat.mapshade_server.held.sub_cube import mixture_of
+from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
@@ -203,7 +203,9 @@ class MapShadeServer:
         """Beside frames: in a thread of its own."""
         answer: messages.Message = messages.AheadRead(reading=request.reading)
         try:
-            with self._heartbeat.at_work(self._client):
+            with ExitStack() as signs:
+                with suppress(VolsplatError):  # the client is lost; who waits for what is read hears of it by that
+                    signs.enter_context(self._heartbeat.at_work(self._client))
                 read()
         except GivenUp:
             return
@@ -325,10 +327,10 @@ class MapShadeServer:
             raise
 
     def _goes_beside(self, request: messages.Message) -> bool:
-        """Whether it can be answered from what is held now, or by others."""
+        """Whether it can be answered from what is held now, or by other threads."""
         if isinstance(request, messages.ProbeVoxels | messages.ReadSlice | messages.CountPlane):
             return request.assignment == self._held.assignment
-        return isinstance(request, OfFiles)
+        return isinstance(request, OfFiles | messages.ReadAhead)
 
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> None:

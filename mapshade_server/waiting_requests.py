@@ -48,7 +48,7 @@ class WaitingRequests:
             return request
 
     def get(self) -> Received | None:
-        """The next request, once there is one; None after the last."""
+        """The next request, once there is one; None once nothing more comes: nobody waits for what is left."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._over)
-            return self._waiting.popleft() if self._waiting else None
+            return None if self._over else self._waiting.popleft()

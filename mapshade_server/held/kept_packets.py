@@ -8,16 +8,13 @@ from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.held.packet_store import Packets, PacketStore
 from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET, LISTS_PER_STORED_PACKET
 
 Read = Callable[[Box], Iterable[tuple[Box, Packets]]]  # the packets of a box, part by part
-
-
-class GivenUp(Exception):
-    """Nobody wants these packets any more."""
 
 
 def stored_sub_cubes(

@@ -111,9 +111,9 @@ class Heartbeat:
         Several threads may be at it at a time.
         """
         with self._work_lock:
-            self._at_work[connection] += 1
-            if self._at_work[connection] == 1:
+            if not self._at_work[connection]:
                 connection.leave_signs(self.silence, self._leave(connection))
+            self._at_work[connection] += 1
         try:
             yield
         finally:

@@ -18,12 +18,16 @@ from support.scenes.phantoms import QUANTISATION
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.held.volume_identity import identified_volume
+from volsplat.mapshade_server.held.wanted_reader import GivenUp
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import new_tile_map
 from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.framing import Received
 
 SIZE = 16
 
@@ -269,3 +273,25 @@ def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench, m
     bench.control.send(messages.EndSession())
     bench.ends()
     bench.control.close()
+
+
+def test_what_waits_is_not_begun_once_the_session_is_over(shells: Path) -> None:
+    """The wrong volume may take minutes to read, and nobody waits for it."""
+    requests = WaitingRequests()
+    requests.put(Received(messages.DescribeVolume(str(shells)), memoryview(b"")))
+    requests.end()
+    assert requests.get() is None
+
+
+def test_a_volume_is_read_no_further_once_its_client_is_gone(shells: Path) -> None:
+    held = HeldVolume()
+    (described,) = held.answers(messages.DescribeVolume(str(shells)))
+    assert isinstance(described.message, messages.VolumeDescribed)
+    box, identity = described.message.description.geometry.box, described.message.identity
+    held.superseded = lambda assignment: True
+    assert held.answers(messages.ReadSubCubes(1, str(shells), [box], identity)) == []
+    assert held.answers(messages.LendVolume(2, str(shells), identity)) == []
+    assert held.answers(messages.ChangeSubCubes(3, str(shells), [box], identity, QUANTISATION)) == []
+    with pytest.raises(GivenUp):
+        held.reading_ahead(messages.ReadAhead(1, str(shells), [box], identity, QUANTISATION))()
+    assert held.packed_bytes == 0

@@ -17,7 +17,7 @@ from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, Role
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import BadInput, PeerLost
-from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import encode
@@ -248,6 +248,19 @@ def test_life_is_signalled_though_a_library_holds_the_interpreter(ends: tuple[Co
         heartbeat.close()
     heard = client.receive()
     assert heard is not None and heard.message == messages.LeaveSession()
+
+
+def test_nobody_is_at_work_for_a_peer_that_is_gone(ends: tuple[Connection, Connection]) -> None:
+    """However often it is tried: who went on would do it for nobody."""
+    _, server = ends
+    heartbeat = Heartbeat(LEAST_SILENCE, SignsOfLife)
+    server.close()
+    try:
+        for _ in range(2):
+            with pytest.raises(ConnectionClosed), heartbeat.at_work(server):
+                pytest.fail("it was at work")
+    finally:
+        heartbeat.close()
 
 
 def test_what_is_said_at_work_comes_in_order_behind_the_signs_that_were_left(

@@ -1,0 +1,73 @@
+"""Reads voxels for as long as somebody wants them: large boxes part by part, so that a slow disk holds up nobody."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, SecondScalarReader, VolumeReader, Voxels
+from volsplat.protocol.description.volume import SCALAR_BYTES, Box, VolumeDescription
+
+PART_BYTES = 128 << 20  # a second or so of a slow disk; few volumes that are read at once need more than some
+
+
+class GivenUp(Exception):
+    """Nobody wants these voxels, or their packets, any more."""
+
+
+class WantedReader:
+    """Reads like the reader that it is made of. Raises GivenUp as soon as it is `given_up`."""
+
+    def __init__(self, reader: VolumeReader, given_up: Callable[[], bool], part_bytes: int = PART_BYTES) -> None:
+        self._reader = reader
+        self._given_up = given_up
+        self._part_bytes = part_bytes
+
+    def describe(self) -> VolumeDescription:
+        return self._reader.describe()
+
+    def read(self, box: Box) -> Voxels:
+        return self._by_parts(self._reader.read, box)
+
+    def _by_parts(self, read: ReadBox, box: Box) -> Voxels:
+        whole: Voxels | None = None
+        for part in self._parts(box):
+            if self._given_up():
+                raise GivenUp
+            values = read(part)
+            if part == box:
+                return values
+            if whole is None:
+                whole = np.empty(box.size[::-1], values.dtype)
+            whole[part.slices(box.low)] = values
+        assert whole is not None, "a box without voxels was read"
+        return whole
+
+    def _parts(self, box: Box) -> Iterator[Box]:
+        """Whole sheets, as many as only come together, or several times as many."""
+        described = self._reader.describe()
+        sheet_bytes = box.size[0] * box.size[1] * SCALAR_BYTES[described.scalar_type]
+        together = described.chunk[2]
+        sheets = max(1, self._part_bytes // sheet_bytes // together) * together
+        rest = box
+        while (end := (rest.low[2] // sheets + 1) * sheets) < rest.high[2]:
+            part, rest = rest.cut(2, end)
+            yield part
+        yield rest
+
+
+class WantedTwoScalars(WantedReader):
+    """Likewise of a volume that has a second scalar."""
+
+    def __init__(self, reader: SecondScalarReader, given_up: Callable[[], bool], part_bytes: int = PART_BYTES) -> None:
+        super().__init__(reader, given_up, part_bytes)
+        self._read_second = reader.read_second
+
+    def read_second(self, box: Box) -> Voxels:
+        return self._by_parts(self._read_second, box)
+
+
+def while_wanted(reader: VolumeReader, given_up: Callable[[], bool]) -> VolumeReader:
+    """A reader that ends once it is given up."""
+    if isinstance(reader, SecondScalarReader):
+        return WantedTwoScalars(reader, given_up)
+    return WantedReader(reader, given_up)
