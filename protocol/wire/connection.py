@@ -247,7 +247,11 @@ class Connection:
                         self.counters.seconds_in_message = time.perf_counter() - began
                         return received
         except ConnectionClosed:
+            self.descriptors.close()
             return None
+        except PeerLost:
+            self.descriptors.close()
+            raise
         except RemoteProtocolError as error:
             self.close()
             self.descriptors.close()

@@ -1,6 +1,7 @@
 """Blocks of memory that two ends of a connection see: what one fills the other reads, and nobody can break it."""
 
 import os
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,8 +11,9 @@ from support.patience import PATIENCE
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import RemoteProtocolError
+from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.descriptors import passing
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
@@ -166,6 +168,19 @@ def test_a_descriptor_comes_with_the_message_that_announces_it() -> None:
         block[:3] = b"yes"
         assert read.taken(0)[:3] == b"yes"
     filled.close()
+
+
+def test_a_descriptor_whose_message_never_ends_is_closed() -> None:
+    """A peer that is killed in the middle of a message leaves nothing open here."""
+    before = open_descriptors()
+    near, far = socket.socketpair(socket.AF_UNIX)
+    memory = os.memfd_create("test")
+    near.sendmsg([b"VSPL"], passing(memory))
+    os.close(memory)
+    near.close()
+    with Connection(far, "the peer") as receiving, pytest.raises(PeerLost):
+        receiving.receive()
+    assert open_descriptors() == before
 
 
 @pytest.mark.parametrize(
