@@ -225,7 +225,10 @@ class DataLinks:
             self._listener.lines.warn(f"the memory does not suffice for a batch from {link}; the connection is closed")
         except VolsplatError as error:
             log.info("%s", error)  # the client is told with the frame
-        self._lose(link)
+        except Exception:  # whatever it is: nobody else hears this worker
+            log.exception("%s is not heard any more", link)
+        finally:
+            self._lose(link)
 
     def _lose(self, link: Connection) -> None:
         link.close()

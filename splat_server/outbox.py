@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.refusals import refusal, why_silent
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.splat_server.image_sender import ImageSender
@@ -19,6 +20,7 @@ class _Image(NamedTuple):
     message: messages.ImageRead
     pixels: memoryview
     exact: bool
+    request: messages.Message  # whose answer it is
     spans: FrameSpans
 
 
@@ -52,10 +54,15 @@ class Outbox:
         self._leave(made)
 
     def post_image(
-        self, message: messages.ImageRead, pixels: memoryview, exact: bool, spans: FrameSpans = UNTRACED
+        self,
+        message: messages.ImageRead,
+        pixels: memoryview,
+        exact: bool,
+        request: messages.Message,
+        spans: FrameSpans = UNTRACED,
     ) -> None:
-        """`message` says of what; how its pixels go is seen when they do."""
-        image = _Image(message, pixels, exact, spans)
+        """`message` says of what; how its pixels go is seen when they do. It answers the `request`."""
+        image = _Image(message, pixels, exact, request, spans)
         if not self._leaves_at_once(lambda: self._sent_by_memory(image)):
             self.holds_image = True
             self._leave(image)
@@ -90,7 +97,7 @@ class Outbox:
             try:
                 match posted:
                     case _Image():
-                        self._send_image(posted)
+                        self._send_or_refuse(posted)
                     case messages.Message():
                         self._client.send(posted)
                     case _:
@@ -100,12 +107,24 @@ class Outbox:
             except VolsplatError as error:
                 self._failed(error)
                 return
+            except Exception as error:  # whatever it is: nobody else sends to the client
+                self._failed(why_silent(self._client, error))
+                return
             was_image = isinstance(posted, _Image)
             del posted  # an image's memory is used again once nobody holds it
             self._done += 1
             if was_image:
                 self.holds_image = False
                 self._image_sent()
+
+    def _send_or_refuse(self, image: _Image) -> None:
+        """What is wrong with one image, as no memory to code it in, is no reason to end."""
+        try:
+            self._send_image(image)
+        except VolsplatError:
+            raise
+        except Exception as error:
+            self._client.send(refusal(image.request, error))
 
     def _send_image(self, image: _Image) -> None:
         began = clock()

@@ -256,9 +256,9 @@ class SplatServer:
             self._images_wanted = deque([*still_wanted, request])
             return
         try:
-            self._post_image(request.frame)
+            self._post_image(request)
         except Exception as error:
-            self._outbox.post(refusal(request, error))
+            self._outbox.post(refusal(self._answered(request), error))
 
     @takes(messages.ReadProgress)
     def _read_progress(self, request: messages.ReadProgress) -> None:
@@ -306,16 +306,25 @@ class SplatServer:
             self._assembly.abort()
             self._drawing = False
 
-    def _post_image(self, frame: int) -> None:
+    def _post_image(self, wanted: messages.ReadImage) -> None:
         assembly, request = self._assembly, self._request
-        if assembly is None or request is None or assembly.frame != frame:
+        if assembly is None or request is None or assembly.frame != wanted.frame:
             return  # the client has gone on to another frame
         left, top, width, height = assembly.splat.rectangle
-        complete = not self._drawing and not self._lost and assembly.splat.complete
+        complete = self._is_whole(assembly)
         step = assembly.plan.step
-        image = messages.ImageRead(frame, step, complete, left, top, width, height, messages.RawPixels())
+        image = messages.ImageRead(wanted.frame, step, complete, left, top, width, height, messages.RawPixels())
         pixels = self._block if complete and self._block is not None else self._shown(assembly, image.raw_bytes)
-        self._outbox.post_image(image, pixels, exact=complete and request.exact, spans=self._spans)
+        answered, exact = self._answered(wanted), complete and request.exact
+        self._outbox.post_image(image, pixels, exact, answered, self._spans)
+
+    def _is_whole(self, assembly: FrameAssembly) -> bool:
+        return not self._drawing and not self._lost and assembly.splat.complete
+
+    def _answered(self, wanted: messages.ReadImage) -> messages.Message:
+        """What an image answers: once it is finished the request of the frame, whether or not it was asked for."""
+        finished = self._assembly is not None and self._is_whole(self._assembly)
+        return self._request if finished and self._request is not None else wanted
 
     def _shown(self, assembly: FrameAssembly, nbytes: int) -> memoryview:
         """The image as it stands, in memory that the client sees if there is some."""

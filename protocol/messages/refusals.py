@@ -33,8 +33,19 @@ def why_unheard(client: object, error: Exception) -> VolsplatError:
             return error
         case MemoryError():
             return VolsplatError(f"the memory does not suffice for what {client} sends")
-    log.error("the client is not heard any more", exc_info=error)
-    return VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}")
+    return _internal("the client is not heard any more", error)
+
+
+def why_silent(client: object, error: Exception) -> VolsplatError:
+    """Why a server says nothing more to its client, once sending has ended in an `error` that is not the line's."""
+    if isinstance(error, MemoryError):
+        return VolsplatError(f"the memory does not suffice for what is sent to {client}")
+    return _internal("nothing more can be said to the client", error)
+
+
+def _internal(line: str, error: Exception) -> VolsplatError:
+    log.error("%s", line, exc_info=error)
+    return VolsplatError(f"{line}: {type(error).__name__}: {error}")
 
 
 def _cause(error: Exception) -> str:

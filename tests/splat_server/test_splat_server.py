@@ -149,12 +149,16 @@ class Bench:
         raw = [memory for part in batch.parts for memory in (part.runs, part.packets)]
         self.links[worker].send(message, *(raw if coded is None else [coded]))
 
-    def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
-        """A whole frame."""
-        self.renders(frame)
+    def sends_all(self, frame: int, of_workers: list[list[ShadedBatch]]) -> None:
+        """What each worker has of a frame."""
         for worker, sent in zip(WORKERS, of_workers, strict=True):
             for sequence, batch in enumerate(sent):
                 self.sends(worker, frame, sequence, batch)
+
+    def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
+        """A whole frame."""
+        self.renders(frame)
+        self.sends_all(frame, of_workers)
         finished = self.hears(messages.FrameFinished)[0]
         assert isinstance(finished, messages.FrameFinished)
         if finished.complete:
@@ -450,6 +454,56 @@ def test_an_image_beyond_the_memory_is_refused_with_the_cure(bench: Bench) -> No
     assert bench.draws(2, of_workers).complete
 
 
+@pytest.mark.parametrize("by_memory", [True, False])
+def test_an_image_that_cannot_be_handed_out_is_refused_and_the_next_one_drawn(
+    by_memory: bool, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where there is no memory to code it in. The client asked for the frame alone."""
+    of_workers, images = batches(slabs(0, 8, 16)), bench._server._outbox.images
+
+    def no_memory(*_: object) -> float:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(images, "send", no_memory)
+        if not by_memory:
+            patched.setattr(images, "shares", lambda pixels: False)
+        bench.renders(1)
+        bench.sends_all(1, of_workers)
+        bench.hears(messages.FrameFinished)
+        assert bench.hears(messages.Refused)[0] == messages.Refused("RenderFrame", OUT_OF_MEMORY, frame=1, assignment=1)
+    assert bench.draws(2, of_workers).complete
+
+
+def test_a_server_that_can_say_nothing_more_to_the_client_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_room(*_: object) -> None:
+        raise MemoryError
+
+    bench = Bench()
+    monkeypatch.setattr(bench._server._client, "send_at_once", lambda message: False)
+    monkeypatch.setattr(bench._server._client, "send", no_room)
+    bench.control.send(messages.AbortFrame(1))
+    bench.ends()
+    assert str(bench.failure).startswith("the memory does not suffice for what is sent to ")
+    bench.control.close()
+    bench.close()
+
+
+def test_a_worker_that_is_not_heard_any_more_is_lost(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever ends the thread that receives from it: the frame must not wait for ever."""
+
+    def fault(*_: object) -> None:
+        raise RuntimeError("an internal error")
+
+    monkeypatch.setattr(bench._server._data_links, "_push", fault)
+    bench.renders(1)
+    bench.sends(WORKERS[0], 1, 0, batches(slabs(0, 8, 16))[0][0])
+    for worker in WORKERS[1:]:
+        bench.links[worker].close()
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and set(finished.lost) == set(WORKERS)
+
+
 def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
     bench.renders(1)
     bench.control.close()
@@ -516,9 +570,8 @@ def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(
             control.send(request)
             client.receive()
         pixels = bytes(2048 * 2048 * 16)  # far more than sockets buffer
-        outbox.post_image(
-            messages.ImageRead(1, Step.F, True, 0, 0, 2048, 2048, messages.RawPixels()), memoryview(pixels), exact=True
-        )
+        read = messages.ImageRead(1, Step.F, True, 0, 0, 2048, 2048, messages.RawPixels())
+        outbox.post_image(read, memoryview(pixels), exact=True, request=messages.ReadImage(1))
         outbox.post(messages.FrameAborted(2))
         assert outbox.holds_image and not sent.is_set()
         image, abort = control.receive(), control.receive()
