@@ -17,14 +17,13 @@ from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import SCENE, headed
 from volsplat.client.image.image_formats import SCENE_HOLDERS
 from volsplat.client.scene.colour_maps import colormap, lit_and_glowing
-from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.volume.surveyed_volume import SurveyedVolume, asking_for_fit, showing_all
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Quantise, Scene
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.description.scene_keys import KEYS
 from volsplat.protocol.description.view_rotation import rotation_from_option
 from volsplat.protocol.description.volume import Index
@@ -94,7 +93,7 @@ class SceneOptions:
         Without a volume the preset's own numbers stand in for what the data would decide: good for checking a
         scene file before anything is started.
         """
-        return self._changed(self._under_options(volume), volume)
+        return self._over(volume, self.scene)
 
     def tell_unsuited(self, volume: SurveyedVolume, console: PlainConsole) -> None:
         """A line for a person whose preset does not suit the volume."""
@@ -103,19 +102,21 @@ class SceneOptions:
 
     def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
         """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""
-        under = self._under_options(volume)
-        return [self._changed(_scene_in(key, under), volume) for key in keys]
+        return [self._over(volume, self.scene, key) for key in keys]
 
-    def _under_options(self, volume: SurveyedVolume | None) -> Scene:
-        base = self._base(volume)
-        return base if self.scene is None else _scene_in(self.scene, base)
+    def _over(self, volume: SurveyedVolume | None, *files: Path | None) -> Scene:
+        """The preset or default under these files, the later over the earlier, and all under the options.
 
-    def _base(self, volume: SurveyedVolume | None) -> Scene:
+        Tables are made for the window that these leave; without a volume they are the preset's own.
+        """
+        paths = [file for file in files if file is not None]
         if volume is None:
-            return preset_scene(self.preset or "ct-skin")
-        # Tables are made for the window that they lie on
-        subject = volume.subject(Quantise(window=self.changes.get("quantise.window", "auto")))
-        return default_scene(subject) if self.preset is None else preset_scene(self.preset, subject)
+            return self._changed(_scene_in(paths, preset_scene(self.preset or "ct-skin")), None)
+        begun = volume.begun_scene(self.preset)
+        scene = self._changed(_scene_in(paths, begun), volume)
+        if scene.quantise == begun.quantise:
+            return scene
+        return self._changed(_scene_in(paths, volume.begun_scene(self.preset, scene.quantise)), volume)
 
     def _changed(self, scene: Scene, volume: SurveyedVolume | None) -> Scene:
         try:
@@ -130,9 +131,11 @@ class SceneOptions:
         return scene if self.fit is None else asking_for_fit(scene)
 
 
-def _scene_in(path: Path, base: Scene) -> Scene:
-    """The scene of a TOML file over `base`, or the whole one that an image stores."""
-    return _stored_scene(path) if path.suffix.lower() in SCENE_HOLDERS else read_scene_file(path, base)
+def _scene_in(paths: Sequence[Path], base: Scene) -> Scene:
+    """The scenes of TOML files over `base`, or the whole ones that images store, the later over the earlier."""
+    for path in paths:
+        base = _stored_scene(path) if path.suffix.lower() in SCENE_HOLDERS else read_scene_file(path, base)
+    return base
 
 
 def _stored_scene(image: Path) -> Scene:

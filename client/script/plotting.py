@@ -16,7 +16,7 @@ from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import UNPLACED, Volume
-from volsplat.client.scene.presets import PRESETS, Preset, preset_scene
+from volsplat.client.scene.presets import PRESETS, Preset
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.notebook_cells import close_when_cell_runs_again, in_notebook
 from volsplat.client.script.picture_names import unused_picture
@@ -222,20 +222,18 @@ def _scene(volume: SurveyedVolume, scene: Scene | Preset | str | None, changes: 
             )
         if key in inspect.signature(Volume).parameters:
             raise BadInput(f"{key}= is of the volume, not of its scene: vs.Volume(array, {key}={changes[key]!r})")
-    if scene is None:
-        base = volume.default_scene()
-    else:
-        name = PRESETS.name_of(scene) if isinstance(scene, Preset) else scene
-        base = _preset(volume, name) if isinstance(name, str) else checked_scene(name)
-    return base.with_(**changes)
+    wanted = PRESETS.name_of(scene) if isinstance(scene, Preset) else scene
+    begun = _begun(volume, wanted, changes) if wanted is None or isinstance(wanted, str) else checked_scene(wanted)
+    return begun.with_(**changes)
 
 
-def _preset(volume: SurveyedVolume, name: str) -> Scene:
-    subject = volume.subject()
-    scene = preset_scene(name, subject)
-    if why := why_unsuited(name, subject):
+def _begun(volume: SurveyedVolume, preset: str | None, changes: dict[str, Any]) -> Scene:
+    """The default or a preset's scene before its changes, under the window that these set."""
+    windowed = {key: value for key, value in changes.items() if key in ("quantise", "window")}
+    begun = volume.begun_scene(preset)
+    if preset is not None and (why := why_unsuited(preset, volume.subject())):
         warnings.warn(why, UnsuitedPreset, stacklevel=level_of_caller())
-    return scene
+    return volume.begun_scene(preset, begun.with_(**windowed).quantise) if windowed else begun
 
 
 def _has_display() -> bool:

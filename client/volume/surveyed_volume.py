@@ -10,6 +10,7 @@ import msgspec
 from volsplat.client.histogram.density_histogram import DensityHistogram
 from volsplat.client.histogram.subject import Subject, subject_of
 from volsplat.client.scene.default_scene import default_scene
+from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.enclosing_ball import Ball
 from volsplat.client.volume.up_guess import StandsUp, stands_up
@@ -173,7 +174,17 @@ class SurveyedVolume:
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""
-        return default_scene(self.subject())
+        return self.begun_scene(None)
+
+    def begun_scene(self, preset: str | None, quantise: Quantise = Quantise()) -> Scene:  # noqa: B008 - immutable
+        """The default scene, or a preset's, with this window and tables that are made for it.
+
+        A window that is changed afterwards would leave them where they are, at other values. Raises BadInput for a
+        window without a scale, and for no such preset.
+        """
+        subject = self.subject(quantise)
+        scene = default_scene(subject) if preset is None else preset_scene(preset, subject)
+        return msgspec.structs.replace(scene, quantise=quantise)
 
 
 def asking_for_fit(scene: Scene) -> Scene:

@@ -2,11 +2,14 @@
 
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import volsplat as vs
 from support.programs.programs import Person
 from volsplat.client.caller.meant import nearest
 from volsplat.client.command.render_options import SceneOptions
@@ -16,7 +19,7 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Kernel, Scene, Step
+from volsplat.protocol.description.scene import Kernel, Quantise, Scene, Step
 from volsplat.protocol.text.errors import BadInput
 
 NOTHING: dict[str, Any] = {"scene": None, "preset": "ct-bone", "put": (), "fit": None}
@@ -45,6 +48,43 @@ def person(tmp_path: Path) -> Person:
 )
 def test_an_option_is_a_change_of_a_key(given: dict[str, Any], changes: dict[str, Any]) -> None:
     assert options(**given) == preset_scene("ct-bone").with_(**changes)
+
+
+@pytest.fixture(scope="module")
+def scan() -> Iterator[SingleProcess]:
+    """A ramp of Hounsfield units."""
+    units = np.linspace(-1000, 3000, 16**3, dtype=np.float32).reshape(16, 16, 16)
+    with SingleProcess(vs.Volume(units, spacing=(1, 1, 1), space="LPS", kind="CT", value_unit="HU")) as single:
+        yield single
+
+
+@pytest.mark.parametrize("preset", ["ct-bone", None])
+@pytest.mark.parametrize("place", ["option", "set", "file", "file under a key", "script", "script, whole"])
+def test_tables_are_made_for_the_window_wherever_it_is_set(
+    place: str, preset: str | None, scan: SingleProcess, tmp_path: Path
+) -> None:
+    window = (0.0, 2000.0)
+    (file := tmp_path / "window.toml").write_text("[quantise]\nwindow = [0, 2000]\n")
+    (key := tmp_path / "key.toml").write_text("[image]\nwidth = 16\n")
+    given = NOTHING | {"preset": preset}
+    match place:
+        case "option":
+            scene = SceneOptions.of(given | {"window": "0,2000"}).scene_of(scan.volume)
+        case "set":
+            scene = SceneOptions.of(given | {"put": ("quantise.window=[0, 2000]",)}).scene_of(scan.volume)
+        case "file":
+            scene = SceneOptions.of(given | {"scene": file}).scene_of(scan.volume)
+        case "file under a key":
+            (scene,) = SceneOptions.of(given | {"scene": file}).key_scenes(scan.volume, [key])
+        case "script":
+            scene = vs.render(scan, preset, window=window, size=16).scene
+        case _:
+            scene = vs.render(scan, preset, quantise=Quantise(window=window), size=16).scene
+    assert scene.quantise.window == window
+    assert scene.tables == scan.volume.begun_scene(preset, Quantise(window=window)).tables
+    opacity = scene.tables.opac.entries()
+    for units, seen in ((100, preset is None), (1200, True)):
+        assert (opacity[round(units / 2000 * 255)] > 0) == seen
 
 
 def test_fit_overrules_the_scene_s_zoom_and_centre(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 
 from nicegui import ui
 
-from volsplat.client.scene.presets import PRESETS, fits, preset_scene
+from volsplat.client.scene.presets import PRESETS, fits
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.ui.controls.controls import show_prop
 from volsplat.client.ui.tables.table_edits import value_at
@@ -24,7 +24,7 @@ class OfferedPresets:
     def __init__(self, volume: SurveyedVolume, default_scene: Scene) -> None:
         self._volume = volume
         self._default_scene = default_scene
-        self._scenes = lru_cache(maxsize=4 * len(PRESETS))(self._scene)
+        self._scenes = lru_cache(maxsize=4 * len(PRESETS))(volume.begun_scene)
         subject = volume.subject()
         fitting = [name for name in PRESETS if fits(name, subject)]
         self.groups = [[FROM_DATA, *fitting], [name for name in PRESETS if name not in fitting]]
@@ -44,10 +44,9 @@ class OfferedPresets:
 
     def scene(self, name: str, quantise: Quantise) -> Scene:
         """What it is under the scene's window of densities. Raises BadInput for one without a scale."""
-        return self._default_scene if name == FROM_DATA else self._scenes(name, quantise)
-
-    def _scene(self, name: str, quantise: Quantise) -> Scene:
-        return preset_scene(name, self._volume.subject(quantise))
+        if name == FROM_DATA and quantise == self._default_scene.quantise:
+            return self._default_scene
+        return self._scenes(None if name == FROM_DATA else name, quantise)
 
 
 class PresetMenu:

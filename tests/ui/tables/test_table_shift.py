@@ -1,4 +1,4 @@
-"""Tables pushed along the axis of densities, there and back, with undo between."""
+"""Tables under the axis of densities: pushed along it there and back, with undo between, and made for its window."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from support.pages.tables_page import SCENE
+from support.pages.tables_page import SCENE, VOLUME
+from volsplat.client.ui.tables.preset_menu import FROM_DATA, OfferedPresets
 from volsplat.client.ui.tables.table_edits import shifted
 from volsplat.client.ui.tables.table_shift import TableShift, by_density
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.protocol.description.scene import ScalarTable, Scene
+from volsplat.protocol.description.scene import Quantise, ScalarTable, Scene
 
 SHARES = st.integers(-255, 255).map(lambda steps: steps / 510)
 
@@ -51,3 +52,12 @@ def test_what_others_change_meanwhile_is_where_the_next_push_begins(which: str) 
     for table in by_density(scene):
         assert getattr(pushed.tables, table) == shifted(getattr(scene.tables, table), -0.25)
     assert ("emit" in by_density(scene)) == (which == "tables")
+
+
+def test_what_the_data_suggests_follows_the_window_as_presets_do() -> None:
+    offered = OfferedPresets(VOLUME, first := VOLUME.default_scene())
+    auto, narrow = first.quantise, Quantise(window=(-1000.0, 500.0))
+    assert offered.scene(FROM_DATA, auto) == first
+    for name, preset in ((FROM_DATA, None), ("ct-bone", "ct-bone")):
+        tables = {quantise: offered.scene(name, quantise).tables for quantise in (auto, narrow)}
+        assert tables[narrow] == VOLUME.begun_scene(preset, narrow).tables != tables[auto]
