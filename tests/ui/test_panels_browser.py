@@ -27,6 +27,7 @@ from support.programs.server_processes import is_server
 from tolerances import BALL_DIRECTION, ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.controls.text_field import shown_number
 from volsplat.client.ui.panels.light_controls import screen_direction
 from volsplat.protocol.description.scene import Bounds, Field, FinestStep, Kernel, Order, Scene, Step
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
@@ -423,7 +424,7 @@ def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:
     automatic = tab.field("lowest density").input_value(), tab.field("highest density").input_value()
     tab.types("highest density", "123.5")
     window = tab.until(lambda state: state.scene.quantise.window != "auto").quantise.window
-    assert window[1] == 123.5 and f"{float(window[0]):.5g}" == automatic[0]
+    assert window[1] == 123.5 and shown_number(float(window[0])) == automatic[0]
     tab.button("automatic", "window").click()
     tab.becomes(lambda scene: scene.quantise.window, "auto")
     tab.page.wait_for_function(
@@ -439,7 +440,7 @@ def test_the_density_window_holds_as_many_voxels_as_asked(tab: Tab) -> None:
         chosen = tab.until(lambda state: state.scene.quantise.window not in ("auto", *windows.values())).quantise.window
         assert chosen != "auto"
         windows[button] = chosen
-        tab.holds("lowest density", f"{chosen[0]:.5g}")
+        tab.holds("lowest density", shown_number(chosen[0]))
     assert windows["all"][0] <= windows["1–99 %"][0] <= windows["5–95 %"][0]
     assert windows["5–95 %"][1] <= windows["1–99 %"][1] <= windows["all"][1]
     assert tab.page.locator('[aria-pressed="true"]:has-text("all")').count() == 0

@@ -85,7 +85,7 @@ def number_field(
     field = TextField(
         editor,
         name,
-        lambda scene: _short(get(scene)),
+        lambda scene: shown_number(get(scene)),
         lambda scene, typed: put(scene, _number(typed)),
     )
     return field.props("inputmode=decimal")
@@ -109,8 +109,9 @@ def whole_number_field(
     return field.props("inputmode=numeric")
 
 
-def _short(value: float) -> str:
-    return f"{value:.5g}" if abs(value) < 1e5 else f"{value:.8g}"
+def shown_number(value: float) -> str:
+    """To what a float32 holds, as most volumes do: one that was typed is still seen as it was typed."""
+    return f"{value:.7g}" if abs(value) < 1e5 else f"{value:.8g}"
 
 
 def _number(typed: str) -> float:

@@ -7,6 +7,8 @@
 export const ENTRIES = 256;
 const LOG_FROM = 0.05; // of the bars that hold anything, from the lowest
 const LEAST_BAR = 0.03;
+const LEAST_DIGITS = 4; // of a value with an exponent
+const MOST_DIGITS = 15; // a double has no more
 
 /** @param {number} low @param {number} value @param {number} high */
 export const within = (low, value, high) => Math.min(Math.max(value, low), high);
@@ -53,8 +55,9 @@ export const numberOf = (text) => (text.trim() ? Number(text.trim().replace("−
 /** A value of the data, to the resolution of 256 steps from low to high. @param {number} value @param {number} low @param {number} high */
 export function dataText(value, low, high) {
   const largest = Math.max(Math.abs(low), Math.abs(high));
-  if (largest >= 1e7 || largest < 1e-3) return value.toPrecision(4).replace(/\.?0+(e|$)/, "$1").replace("e+", "e");
-  const decimals = within(0, Math.ceil(-Math.log10((high - low) / (ENTRIES - 1))), 8);
+  const step = (high - low) / (ENTRIES - 1);
+  if (largest >= 1e7 || largest < 1e-3) return withDigits(value, Math.max(LEAST_DIGITS, digitsTo(value, step)));
+  const decimals = within(0, Math.ceil(-Math.log10(step)), 8);
   return cleaned(value.toFixed(decimals));
 }
 
@@ -72,7 +75,7 @@ export function barHeights(counts, logarithmic) {
 }
 
 /** An end of an axis, without decimals that say nothing. @param {number} value @param {number} low @param {number} high */
-export const endText = (value, low, high) => dataText(value, low, high).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+export const endText = (value, low, high) => trimmed(dataText(value, low, high));
 
 /** Round values about `most` to an axis, the steps 1, 2 or 5 times a power of ten. @param {number} low @param {number} high @param {number} most */
 export function ticks(low, high, most) {
@@ -87,9 +90,21 @@ export function ticks(low, high, most) {
 
 /** @param {number} value @param {number} step */
 function tickText(value, step) {
-  if (Math.abs(value) >= 1e5 || step < 1e-4) return value ? value.toPrecision(2).replace(/\.0+e/, "e").replace("e+", "e") : "0";
+  if (Math.abs(value) >= 1e5 || step < 1e-4) return withDigits(value, digitsTo(value, step));
   return cleaned(value.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))));
 }
 
-/** Without a minus before zero, and with a true one elsewhere. @param {string} text */
-const cleaned = (text) => (Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−"));
+/** How many digits of a value tell it from the next one, a step away. @param {number} value @param {number} step */
+const digitsTo = (value, step) => powerOf(Math.abs(value)) - powerOf(step) + 1;
+
+/** Of ten, that is no greater. @param {number} value */
+const powerOf = (value) => Math.floor(Math.log10(value) + 1e-9);
+
+/** @param {number} value @param {number} digits */
+const withDigits = (value, digits) => (value ? cleaned(trimmed(value.toPrecision(within(1, digits, MOST_DIGITS)))) : "0");
+
+/** Without zeros after the point that say nothing. @param {string} text */
+const trimmed = (text) => text.replace(/(\.\d*?)0+(?=e|$)/, "$1").replace(/\.(?=e|$)/, "").replace("e+", "e");
+
+/** Without a minus before zero, and with a true one before all else. @param {string} text */
+const cleaned = (text) => (Number(text) === 0 ? text.replace("-", "") : text.replace(/^-/, "−"));
