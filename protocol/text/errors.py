@@ -26,7 +26,7 @@ class RemoteProtocolError(VolsplatError):
 
 
 class TooEarly(VolsplatError):
-    """A peer came before it was told of; the connection is closed without a word, and it dials again."""
+    """A peer came before it was told of, or too late; the connection is closed without a word, and it dials again."""
 
 
 class PeerLost(VolsplatError):

@@ -156,7 +156,7 @@ class Port:
 
     def _drop_oldest(self, cause: str) -> None:
         with self._lock:
-            connection = next(iter(self._pending), None)
+            connection = next((pending for pending in self._pending if not pending.opened), None)
             if connection is not None:
                 del self._pending[connection]
         if connection is None:

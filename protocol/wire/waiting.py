@@ -6,12 +6,14 @@ Who dials is the client, but in the handshake it is always the server that speak
 import secrets
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import msgspec
 
 from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.text.errors import PeerLost, TooEarly
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import shake_hands
@@ -52,14 +54,10 @@ class WaitingPort:
         with self._lock:
             self._hello = hello
         client = self._port.accept(seconds)
-        with self._lock:
-            self._hello = None
-            who = f", at {client.peer.host}," if client is not None else ""
-            self._engaged = f"serves another client{who} since {time.strftime('%H:%M:%S')}"
         if client is None:
+            with self._lock:
+                self._hello, self._engaged = None, "is not ready yet"
             raise PeerLost(f"no client has come to {self.address} for {seconds:g} s")
-        while (second := self._port.accept(0)) is not None:  # at the same moment
-            second.close()
         return client
 
     def close(self) -> None:
@@ -72,7 +70,26 @@ class WaitingPort:
         handshake = DiallerHandshake(self._token, fresh, Role.CLIENT, lambda: self._why_engaged(hello))
         shake_hands(connection, handshake)
         peer = Peer(Role.CLIENT, address.host, address.port, version=handshake.version)
-        connection.open(peer, fresh.role, handshake.id, self._allocate)
+        with self._engaged_for(peer, hello):
+            connection.open(peer, fresh.role, handshake.id, self._allocate)
+
+    @contextmanager
+    def _engaged_for(self, client: Peer, hello: Hello | None) -> Iterator[None]:
+        """From now on, unless that fails, for this client, which has heard the hello and proved itself.
+
+        Raises TooEarly where another one was faster: it dials again, and is told whom this side serves.
+        """
+        with self._lock:
+            if hello is None or self._hello is not hello:
+                raise TooEarly(self._engaged)
+            self._hello = None
+            self._engaged = f"serves another client, at {client.host}, since {time.strftime('%H:%M:%S')}"
+        try:
+            yield
+        except BaseException:
+            with self._lock:
+                self._hello = hello
+            raise
 
     def _why_engaged(self, hello: Hello | None) -> str:
         """Empty for a client that has heard the hello of who still waits."""

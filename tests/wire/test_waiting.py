@@ -2,12 +2,13 @@
 
 import socket
 import threading
-from contextlib import closing
+from contextlib import closing, suppress
 
 import pytest
 
 from support.patience import PATIENCE
 from support.programs.hand_started import free_port
+from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.messages import EndSession
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
@@ -61,6 +62,42 @@ def test_a_second_client_is_told_in_one_line_who_is_served() -> None:
             with pytest.raises(PeerLost, match="node1 splat 1 at .* serves another client, at 127.0.0.1, since"):
                 called(port.address, patience=0.2, said=said)
             assert len(said) <= 1 and "\n" not in "".join(said)
+
+
+def test_of_two_clients_that_come_at_once_one_is_served_and_the_other_dials_again() -> None:
+    """Both have heard the hello before either is let in. Who came second is not kept for the session after."""
+    at_once, clients = threading.Barrier(2), list[Connection]()
+
+    def come(address: Address) -> None:
+        def let_in(_: Hello) -> int:
+            at_once.wait(PATIENCE)
+            return 1
+
+        accepter = Accepter(Role.CLIENT, TOKEN, assign_id=let_in)
+        call_once = call(address, "node1", accepter, patience=PATIENCE, report=str, given_up=lambda: False)
+        clients.append(call_once)
+
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        coming = [threading.Thread(target=come, args=(port.address,)) for _ in range(2)]
+        served: list[Connection] = []
+        serving = threading.Thread(target=lambda: served.append(port.next_client(SERVER, PATIENCE)))
+        serving.start()
+        for one in coming:
+            one.start()
+        for one in (*coming, serving):
+            one.join(PATIENCE)
+        (server,) = served
+        with server:
+            for client in clients:
+                with suppress(PeerLost):  # of the one that came second
+                    client.send(EndSession())
+            received = server.receive()
+            assert received is not None and received.message == EndSession()
+        for client in clients:
+            with client, pytest.raises(PeerLost):
+                client.receive()
+        with pytest.raises(PeerLost, match="no client has come"):
+            port.next_client(SERVER, 0.01)
 
 
 def test_another_token_is_refused_at_once_and_the_server_waits_on() -> None:
