@@ -8,7 +8,7 @@ from volsplat.protocol.messages.messages import Route
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan
-from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.encryption import Encryption
@@ -48,10 +48,10 @@ class DataLinks:
     def connect(self, routes: Sequence[Route], server: int) -> None:
         """Have this server linked to the ends of these routes and to no other.
 
-        One that cannot be reached is done without. Raises PeerLost if none can.
+        One that cannot be reached is done without. Raises what the first one failed of if none can.
         """
         kept = {link.route: link for link in self._links.values() if not link.closed and link.route in routes}
-        unreached: PeerLost | None = None
+        unreached: VolsplatError | None = None
         before, self._links = self._links, {route.server: link for route, link in kept.items()}
         for link in before.values():
             if link not in kept.values():
@@ -60,7 +60,7 @@ class DataLinks:
             if route not in kept:
                 try:
                     self._links = {**self._links, route.server: self._link(route, server)}
-                except PeerLost as error:
+                except VolsplatError as error:
                     log.info("%s", error)
                     unreached = unreached or error
         if unreached and not self._links:

@@ -27,7 +27,16 @@ HANDSHAKE_SECONDS = 10.0
 PATIENCE_SECONDS = 30.0
 
 # Worth another try: the other end may be starting, or its network.
-PASSING = {errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT, errno.ECONNRESET}
+PASSING = {
+    errno.ECONNREFUSED,
+    errno.ECONNRESET,
+    errno.EHOSTDOWN,
+    errno.EHOSTUNREACH,
+    errno.ENETDOWN,
+    errno.ENETUNREACH,
+    errno.ETIMEDOUT,
+}
+FULL = {errno.EMFILE, errno.ENFILE}  # of open files, sockets among them
 
 
 def _unheard(line: str) -> None:
@@ -124,12 +133,19 @@ def dialled_socket(address: Address, place: str) -> socket.socket:
         by_door = entered_door(address, CONNECT_SECONDS)
         return by_door or socket.create_connection(address, timeout=CONNECT_SECONDS)
     except (socket.gaierror, UnicodeError) as error:  # the latter for labels that no name may have
+        if isinstance(error, socket.gaierror) and error.errno == socket.EAI_AGAIN:
+            told = f"the name {address.host} cannot be looked up now; check the network, or give an IP address"
+            raise PeerLost(f"cannot find the {place}: {told}") from error
         raise BadInput(f"cannot find the {place}: the name {address.host} is unknown; check it") from error
     except TimeoutError as error:
         raise PeerLost(f"cannot reach the {place}: no answer; check the address and the firewalls between") from error
     except OSError as error:
         if error.errno == errno.ECONNREFUSED:
             raise PeerLost(f"cannot reach the {place}: nobody listens there; start it or check the port") from error
+        if error.errno in FULL:
+            raise BadInput(
+                f"cannot reach the {place}: this machine lets a program open no more files; raise `ulimit -n`"
+            ) from error
         if error.errno in PASSING:
             raise PeerLost(f"cannot reach the {place}: {error.strerror}; check the network between") from error
         raise BadInput(f"cannot reach the {place}: {error.strerror or error}; check the address") from error

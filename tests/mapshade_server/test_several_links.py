@@ -190,8 +190,8 @@ def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> 
     links = DataLinks(
         bench.token, lambda: True, Heartbeat(), Encryption.BETWEEN_MACHINES
     )  # so that nobody is dialled twice
-    nobody = messages.Route(9, there.host, free_port(), KEY)
-    links.connect([nobody, messages.Route(2, there.host, there.port, KEY)], 1)
+    nobody, unknown = messages.Route(9, there.host, free_port(), KEY), messages.Route(8, "nowhere.invalid", 7, KEY)
+    links.connect([nobody, unknown, messages.Route(2, there.host, there.port, KEY)], 1)
     assert list(links.of_servers) == [2]
     with pytest.raises(PeerLost, match="nobody listens"):
         links.connect([nobody], 1)
