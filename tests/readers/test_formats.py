@@ -32,6 +32,18 @@ def test_a_sample_is_taken_by_its_own_format_and_read(one: VolumeFormat, tmp_pat
     assert_read_whole_and_by_voxels(path)
 
 
+@pytest.mark.parametrize("one", [b" ", b"\n", b"\t\r\n", b"#\n", b" # \n", b"#"])
+def test_no_format_takes_blank_text_for_its_own_however_much_there_is(one: bytes) -> None:
+    for head in (one * 100_000, one * 100_000 + b"data_"):
+        assert format_of(Path("file"), head) is None
+
+
+def test_a_format_may_begin_after_comments_and_blank_lines() -> None:
+    for before in (b"", b" \n", b"# data_none\n", b"\n #\n\t# told\n  " * 10_000):
+        found = format_of(Path("file"), before + b"data_made\n")
+        assert found is not None and found.name == "mmCIF (.cif)"
+
+
 @pytest.mark.parametrize("name", FOLDER_SAMPLES)
 def test_a_folder_is_taken_by_its_own_format_and_read(name: str, tmp_path: Path) -> None:
     path = FOLDER_SAMPLES[name](tmp_path)

@@ -13,9 +13,12 @@ from volsplat.protocol.text.errors import BadInput
 
 REFLECTIONS = ("_refln", "_diffrn_refln")
 
+# Possessive, so that thousands of blanks before something else are passed over once.
+_FIRST_BLOCK = re.compile(rb"(?:\s++|#[^\n]*+\n)*+data_\S")
+
 
 def recognises(head: bytes) -> bool:
-    return re.match(rb"(\s*#[^\n]*\n|\s+)*data_\S", head) is not None
+    return _FIRST_BLOCK.match(head) is not None
 
 
 def open_mmcif(path: Path, part: str) -> OpenedVolume:

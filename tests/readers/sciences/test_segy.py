@@ -144,6 +144,13 @@ def test_sample_formats_in_both_byte_orders(sample_format: int, scalar_type: str
     np.testing.assert_array_equal(read_whole(path), expected(by_inline()))
 
 
+@pytest.mark.parametrize("blank", [b" ", b"\x40", b"\0", b"\n"], ids=["ASCII", "EBCDIC", "zeros", "lines"])
+def test_a_textual_header_may_be_blank(blank: bytes, tmp_path: Path) -> None:
+    path = written(tmp_path / "survey.segy", by_inline())
+    path.write_bytes(3200 * blank + path.read_bytes()[3200:])
+    np.testing.assert_array_equal(read_whole(path), expected(by_inline()))
+
+
 ORDERS: dict[str, Callable[[], list[Place]]] = {
     "by inline": by_inline,
     "by crossline": lambda: sorted(by_inline(), key=lambda place: place[::-1]),
