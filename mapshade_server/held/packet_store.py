@@ -62,6 +62,7 @@ Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
 FORMAT = 8
+PREPARE_ANEW = "delete it and run `volsplat prepare` again"
 BRICKS = "bricks"
 MIXTURES = "mixtures"
 COLUMNS = "columns"
@@ -259,7 +260,7 @@ class PacketStore:
             raise self._unread(path, error) from None
 
     def _damaged(self, path: str, what: str) -> BadInput:
-        return BadInput(f"{self._place}: is damaged: its {path} {what}; delete it and run `volsplat prepare` again")
+        return BadInput(f"{self._place}: is damaged: its {path} {what}; {PREPARE_ANEW}")
 
     def _unread(self, path: str, error: Exception) -> BadInput:
         """Where the system refuses a file the store may be whole, and nobody should delete it."""
@@ -297,7 +298,8 @@ def open_store(place: str) -> PacketStore:
         raise BadInput(f"{place}: no packet store can be opened here ({' '.join(str(error).split())})") from None
     attributes = stored_attributes(place, dict(group.attrs))
     if not attributes.complete:
-        raise BadInput(f"{place}: was not finished; run `volsplat prepare {attributes.source.name} {place}` again")
+        name = attributes.source.name
+        raise BadInput(f"{place}: was not finished; run the `volsplat prepare` that began it from {name} once more")
     return PacketStore(place, group, attributes)
 
 
@@ -309,14 +311,14 @@ def stored_attributes(place: str, attributes: dict[str, Any]) -> StoreAttributes
     if told.get("format") != FORMAT:
         raise BadInput(
             f"{place}: is a packet store of format {told.get('format')}, this version reads format {FORMAT}; "
-            "prepare the volume again"
+            + PREPARE_ANEW
         )
     if attributes.get(CHECKSUM) != _checksum(told):
-        raise BadInput(f"{place}: its attributes are not what was written; prepare the volume again")
+        raise BadInput(f"{place}: its attributes are not what was written; {PREPARE_ANEW}")
     try:
         return msgspec.convert(told, StoreAttributes)
     except msgspec.ValidationError as error:
-        raise BadInput(f"{place}: its attributes are damaged ({error}); prepare the volume again") from None
+        raise BadInput(f"{place}: its attributes are damaged ({error}); {PREPARE_ANEW}") from None
 
 
 def _checksum(told: dict[str, Any]) -> int:

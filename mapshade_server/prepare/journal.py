@@ -3,6 +3,7 @@
 A small JSON file in a folder `.prepare` within the store, replaced as a whole; the folder goes when all is done.
 """
 
+import errno
 import fcntl
 import os
 import shutil
@@ -14,11 +15,13 @@ import msgspec
 
 from volsplat.mapshade_server.held.packet_store import Source
 from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.protocol.text.errors import BadInput
 
 FOLDER = ".prepare"
 NAME = "journal.json"
 LOCK = "lock"
+WITHOUT_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP}  # as Lustre that was mounted without flock has it
 
 
 class Wish(msgspec.Struct, frozen=True):
@@ -102,7 +105,7 @@ def other_options(out: Path) -> BadInput:
 
 
 @contextmanager
-def alone(out: Path) -> Iterator[None]:
+def alone(out: Path, progress: Progress) -> Iterator[None]:
     """Keeps other processes from preparing the same store meanwhile. Raises BadInput if one does."""
     folder = out / FOLDER
     folder.mkdir(parents=True, exist_ok=True)
@@ -111,4 +114,8 @@ def alone(out: Path) -> Iterator[None]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise BadInput(f"{out}: is being prepared by another process; wait for it, or end it") from None
+        except OSError as error:
+            if error.errno not in WITHOUT_LOCKS:
+                raise
+            progress.note(f"{out}: its file system has no locks; see to it that nobody else prepares it meanwhile")
         yield

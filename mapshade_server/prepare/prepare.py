@@ -83,7 +83,7 @@ def prepare(volume: str, out: Path, options: Options, progress: Progress, pool: 
     seconds = 0.0
     if not preparation.is_done():
         started = time.perf_counter()
-        with alone(out):
+        with alone(out, progress):
             preparation.run(pool)
         seconds = time.perf_counter() - started
     shutil.rmtree(out / FOLDER, ignore_errors=True)

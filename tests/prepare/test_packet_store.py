@@ -167,11 +167,14 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
     copy = changed(place, tmp_path / "copy.zarr", complete=False)
     with pytest.raises(BadInput) as refusal:
         open_store(copy)
-    assert str(refusal.value) == f"{copy}: was not finished; run `volsplat prepare volume.nrrd {copy}` again"
+    assert (
+        str(refusal.value)
+        == f"{copy}: was not finished; run the `volsplat prepare` that began it from volume.nrrd once more"
+    )
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 5, this version reads format 8; prepare the volume again"):
+    with pytest.raises(BadInput, match="of format 5, this version reads format 8; delete it and run"):
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))

@@ -1,5 +1,6 @@
 """`volsplat prepare`: the numbers of a session, levels that are means, the same bytes whatever happens meanwhile."""
 
+import errno
 import fcntl
 import gzip
 import json
@@ -433,6 +434,18 @@ def test_two_processes_do_not_prepare_the_same_store(tmp_path: Path) -> None:
         with pytest.raises(BadInput, match="is being prepared by another process"):
             prepare_small(volume, out)
     prepare_small(volume, out)
+
+
+def test_a_file_system_without_locks_is_told_and_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def without_locks(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    volume, out = written(tmp_path / "volume.nrrd", values_of("int16")), tmp_path / "o.zarr"
+    monkeypatch.setattr(fcntl, "flock", without_locks)
+    told = Told()
+    prepare_small(volume, out, told=told)
+    assert attributes_of(out).complete
+    assert f"{out}: its file system has no locks; see to it that nobody else prepares it meanwhile" in told.notes
 
 
 def test_a_place_that_is_taken_is_left_alone(tmp_path: Path) -> None:
