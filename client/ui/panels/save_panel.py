@@ -13,6 +13,7 @@ from nicegui import context, ui
 from volsplat.client.ui.controls.scene_upload import SceneUpload
 from volsplat.client.ui.panels.figure_dialog import FigureDialog
 from volsplat.client.ui.panels.movie_dialog import MovieDialog
+from volsplat.client.ui.viewing.finished_picture import FinishedPicture
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.saving import ImageFormat, image_bytes, scene_bytes, scene_link
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -49,9 +50,9 @@ def _built_when_opened(build: Callable[[], FigureDialog | MovieDialog]) -> Calla
 
 
 async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
-    """The image of step F, once it is there."""
-    picture = await finished_picture(viewing)
+    """The image of the finest step, once it is there."""
     try:
+        picture = await _finished(viewing)
         description = viewing.volume.description
         data = await asyncio.to_thread(image_bytes, picture.published.pixels, picture.state.scene, kind, description)
     except VolsplatError as error:
@@ -60,12 +61,17 @@ async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
     ui.download(data, f"{file_stem(viewing)}.{kind}")
 
 
-async def finished_picture(viewing: Viewing) -> Picture:
-    """The newest picture if nothing finer will follow, else the next that is so."""
-    newest = viewing.pictures.newest
-    if newest is not None and newest.last and newest.state.revision == viewing.model.now.revision:
-        return newest
-    return await viewing.pictures.next(lambda picture: picture.last)
+async def _finished(viewing: Viewing) -> Picture:
+    """Told of if it takes a while; for as long as the tab is there. Raises VolsplatError if there will be none."""
+    finished = FinishedPicture(viewing)
+    if finished.is_known:
+        return await finished.wait()
+    context.client.on_delete(finished.cancel)
+    waiting = ui.notification("waiting for the finished picture", spinner=True, timeout=None)
+    try:
+        return await finished.wait()
+    finally:
+        waiting.dismiss()
 
 
 def file_stem(viewing: Viewing) -> str:
