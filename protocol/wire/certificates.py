@@ -10,6 +10,8 @@ import tempfile
 from functools import cache
 from typing import Any
 
+from volsplat.protocol.text.errors import BadInput
+
 NAME = "volsplat"
 DAYS = 3650  # nobody asks: it ends with the process
 
@@ -21,7 +23,10 @@ def fingerprint(certificate: bytes) -> bytes:
 
 @cache
 def accepting_context() -> tuple[ssl.SSLContext, bytes]:
-    """What the side that is dialled speaks TLS with, and its certificate's fingerprint. Made once for the process."""
+    """What the side that is dialled speaks TLS with, and its certificate's fingerprint. Made once for the process.
+
+    Raises BadInput where there is no folder for temporary files.
+    """
     # Slow to import, and of no use where every link stays on this machine.
     from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
@@ -31,11 +36,16 @@ def accepting_context() -> tuple[ssl.SSLContext, bytes]:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_3
     context.num_tickets = 0  # sessions are not resumed
-    with tempfile.NamedTemporaryFile(prefix="volsplat-") as file:  # mode 0600; ssl takes nothing but a file's name
-        file.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-        file.write(certificate.public_bytes(Encoding.PEM))
-        file.flush()
-        context.load_cert_chain(file.name)
+    try:
+        with tempfile.NamedTemporaryFile(prefix="volsplat-") as file:  # mode 0600; ssl takes nothing but a file's name
+            file.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+            file.write(certificate.public_bytes(Encoding.PEM))
+            file.flush()
+            context.load_cert_chain(file.name)
+    except OSError as error:
+        raise BadInput(
+            f"TLS needs a temporary file: {error.strerror or error}; set TMPDIR to a folder that can be written"
+        ) from error
     return context, fingerprint(certificate.public_bytes(Encoding.DER))
 
 

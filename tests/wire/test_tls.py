@@ -2,10 +2,12 @@
 
 import socket
 import ssl
+import tempfile
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -216,3 +218,16 @@ class Relay:
                 there.send([piece[:count]], None, 0)
         with suppress(OSError):
             end.shutdown(socket.SHUT_RDWR)
+
+
+def test_who_has_no_room_for_a_temporary_file_is_told_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Not that the caller is gone."""
+    token = new_token()
+    accepting_context.cache_clear()
+    with monkeypatch.context() as patched, listening(token, Encryption.ALWAYS) as listener:
+        patched.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+        with pytest.raises(VolsplatError):
+            dialled(listener.address, token, Encryption.ALWAYS)
+    assert "TLS needs a temporary file: No such file or directory; set TMPDIR to a folder" in caplog.text
