@@ -51,9 +51,13 @@ class DensityHistogram:
         return sum(self.counts)
 
     def position(self, value: float) -> float:
-        """The table position of a value in the data's units."""
+        """The table position of a value in the data's units: at an end of the table if it is outside of the window."""
+        return _within(self.place(value))
+
+    def place(self, value: float) -> float:
+        """The same, but below 0 and above 1 outside of the window."""
         low, high = self.window
-        return min(max((value - low) / (high - low), 0.0), 1.0)
+        return (value - low) / (high - low)
 
     def share_above(self, byte: int) -> float:
         """The share of the voxels whose density byte is greater."""
@@ -148,8 +152,17 @@ class CtScale:
     tissue: float
 
     def position(self, hounsfield: float) -> float:
+        """On the table: at an end of it outside of the window."""
+        return _within(self.place(hounsfield))
+
+    def place(self, hounsfield: float) -> float:
+        """The same, but below 0 and above 1 outside of the window."""
         per_unit = (self.tissue - self.air) / (TISSUE_HU - AIR_HU)
-        return min(max(self.air + (hounsfield - AIR_HU) * per_unit, 0.0), 1.0)
+        return self.air + (hounsfield - AIR_HU) * per_unit
+
+
+def _within(place: float) -> float:
+    return min(max(place, 0.0), 1.0)
 
 
 def ct_scale(histogram: DensityHistogram | None) -> CtScale:

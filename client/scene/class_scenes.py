@@ -30,9 +30,8 @@ def classes_scene(subject: Subject) -> Scene | None:
     if not bands:
         return None
     table = class_colours(subject, bands)
-    points: list[tuple[float, float]] = []
     rises = subject.kind is Kind.ELEMENTS
-    clear_from = 0
+    clear_from, points = (1, [(0.0, 0.0)]) if _background_is_below_window(subject, bands) else (0, [])
     for band in bands:
         start, end = class_bytes(subject, band)
         start, end = max(start, clear_from), max(end, clear_from)  # of classes too near for bytes each has the next
@@ -50,6 +49,11 @@ def classes_scene(subject: Subject) -> Scene | None:
         shading=Shading(modulation=False, specular_power=40.0),
         light=KEY_LIGHT,
     )
+
+
+def _background_is_below_window(subject: Subject, bands: tuple[Band, ...]) -> bool:
+    """Then the first entry is that of the background, too, and no class may have it."""
+    return subject.values.low < min(subject.histogram.window[0], bands[0].low)
 
 
 def class_colours(subject: Subject, bands: tuple[Band, ...]) -> ColourTable:

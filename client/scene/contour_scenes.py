@@ -121,17 +121,21 @@ def both_signs_scene(subject: Subject) -> Scene | None:
         Kind.DIFFERENCE_MAP: (GREEN, RED),
         Kind.STATISTIC_MAP: (HOT, COOL),
     }.get(subject.kind, (WARM, COLD))
-    negative, positive = at(-level.value), at(level.value)
+    negative, zero, positive = at(-level.value), at(0.0), at(level.value)
     table = colours(
         (min(at(values.low), negative), below[1]),
         (negative, below[0]),
         (positive, above[0]),
-        (at(values.high), above[1]),
+        (max(at(values.high), positive), above[1]),
     )
-    opacity = [(position, opacity) for position, opacity in _below(negative) if values.low < -level.value]
-    opacity += [(position, opacity) for position, opacity in _above(positive) if values.high > level.value]
+    opacity: list[tuple[float, float]] = []
+    # Where the window begins or ends at zero or beyond it, the entry there is that of the background, too.
+    if values.low < -level.value and zero > FIRST:
+        opacity += _below(negative)
+    if values.high > level.value and zero < LAST_BUT_ONE:
+        opacity += _above(positive)
     return Scene(
-        tables=Tables(emit=dimmed(table, GLOW), refl=dimmed(table, REFLECTION), opac=scalars(*opacity)),
+        tables=Tables(emit=dimmed(table, GLOW), refl=dimmed(table, REFLECTION), opac=scalars(*opacity or [(0.0, 0.0)])),
         shading=Shading(modulation=False, two_sided=True),
         light=KEY_LIGHT,
     )
@@ -139,13 +143,14 @@ def both_signs_scene(subject: Subject) -> Scene | None:
 
 def _above(position: float) -> list[tuple[float, float]]:
     """Nothing up to the contour, and a surface from the next byte on."""
-    start = min(position, (LAST - 1) / LAST)
+    start = min(position, LAST_BUT_ONE)
     return [(start, 0.0), (min(start + EDGE, 1.0), SURFACE)]
 
 
 def _below(position: float) -> list[tuple[float, float]]:
-    start = max(position, 1 / LAST)
+    start = max(position, FIRST)
     return [(max(start - EDGE, 0.0), SURFACE), (start, 0.0)]
 
 
+FIRST, LAST_BUT_ONE = 1 / LAST, (LAST - 1) / LAST  # positions: a contour beyond these would leave nothing of its side
 EDGE = 2.0 / LAST  # from clear to SURFACE: two bytes, so that the surface is no staircase

@@ -5,7 +5,7 @@ from collections import Counter
 from volsplat.client.histogram.density_histogram import LAST, landmarks
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.class_scenes import class_bytes
-from volsplat.client.scene.table_makers import colours, scalars
+from volsplat.client.scene.table_makers import colours, opacities, scalars
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import (
     Colour,
@@ -53,12 +53,12 @@ def spectral_scene(subject: Subject | None) -> Scene:
 def _glow(subject: Subject | None) -> ScalarTable:
     """Clear up to the noise, then ever more opaque up to what only a hundredth of the signal exceeds."""
     if subject is not None and subject.kind is Kind.SPECTRAL_CUBE:
-        values, at = subject.values, subject.histogram.position
+        values, at = subject.values, subject.histogram.place
         clear = CLEAR_NOISE * values.noise
         if values.noise > 0 and values.share_above(clear) >= LEAST_SIGNAL:
             bright = max(values.percentile(1 - BRIGHTEST * values.share_above(clear)), clear)
             start, end = at(clear), at(bright)
-            return scalars((start, 0.0), (start + (end - start) / 4, 0.05), (end, 0.3))
+            return opacities((start, 0.0), (start + (end - start) / 4, 0.05), (end, 0.3))
     marks = landmarks(subject.histogram if subject else None)
     return scalars((marks.background, 0.0), (marks.object, 0.04), (marks.core, 0.5))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from volsplat.client.histogram.density_histogram import LAST, CtScale, DensityHistogram, otsu_byte, zero_position
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.label_colours import label_colour
-from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, scalars
+from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, opacities, scalars
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Shading, Tables
 
@@ -58,12 +58,12 @@ def _well_seen(seen: Seen, histogram: DensityHistogram) -> bool:
 
 def _skull_in_flesh(scale: CtScale) -> Scene:
     """A CT: bone as a solid surface, the skin as a veil about it; what does not change is clear."""
-    at = scale.position
+    at = scale.place
     return Scene(
         tables=Tables(
             emit=colours((at(-300), "#2a1811"), (at(100), "#3a251c"), (at(600), "#4a4436")),
             refl=colours((at(-300), "#a05c44"), (at(100), "#a8664e"), (at(300), "#c8bca0"), (at(1200), "#e0d8c0")),
-            opac=scalars((at(SKIN_HU), 0.0), (at(-100), 0.22), (at(120), 0.22), (at(300), 0.9), (at(1000), 0.95)),
+            opac=opacities((at(SKIN_HU), 0.0), (at(-100), 0.22), (at(120), 0.22), (at(300), 0.9), (at(1000), 0.95)),
             modu=scalars((0.06, 0.0), (0.5, 1.0)),
         ),
         shading=Shading(specular_power=25.0),

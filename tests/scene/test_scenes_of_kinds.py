@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from itertools import combinations
 
+import numpy as np
 import pytest
 
 from tolerances import ONE_BYTE
@@ -27,7 +28,13 @@ AWAY = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0))  # k leads away from 
 TOWARDS = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
 
 
-def subject(values: Values, kind: Kind, scalar_type: str = "float32", **changes: object) -> Subject:
+def subject(
+    values: Values,
+    kind: Kind,
+    scalar_type: str = "float32",
+    window: tuple[float, float] | None = None,
+    **changes: object,
+) -> Subject:
     low, high = min(values), max(values)
     counts = [0] * HISTOGRAM_BINS
     for value, count in values.items():
@@ -43,7 +50,8 @@ def subject(values: Values, kind: Kind, scalar_type: str = "float32", **changes:
         kind=kind,
         **changes,  # type: ignore[arg-type]
     )
-    return subject_of(description, survey, counts, density_window(survey, counts, scalar_type))
+    window = density_window(survey, counts, scalar_type) if window is None else window
+    return subject_of(description, survey, counts, window)
 
 
 def at(scene: Scene, known: Subject, value: float) -> tuple[float, Colour]:
@@ -349,3 +357,57 @@ def test_any_kind_of_anything_makes_a_scene_that_shows_something(kind: Kind, val
 )
 def test_the_presets_that_suit_a_kind_are_known(kind: Kind, names: list[str]) -> None:
     assert [name for name in PRESETS if fits(name, subject(MAP, kind))] == names
+
+
+# Windows
+
+
+@pytest.mark.parametrize("name", ["ct-skin", "ct-bone", "surfaces", "ct-soft-tissue", "ct-lung", "ct-angio", None])
+@pytest.mark.parametrize("window", [(-600, 1500), (0, 400), (0, 2000), (300, 1500), (500, 1900), (1500, 3000)])
+def test_a_window_that_begins_within_what_is_seen_of_a_ct_leaves_the_air_clear(
+    window: tuple[float, float], name: str | None
+) -> None:
+    """And what lies in the window as opaque as it is in a wider one."""
+    scenes = []
+    for of in (window, (-1024.0, 3071.0)):
+        known = subject({float(n): 100 for n in range(-1024, 3072)}, Kind.CT, "int16", of, value_unit="HU")
+        scenes.append((preset_scene(name, known) if name else default_scene(known), known))
+    (narrow, under), (wide, whole) = scenes
+    assert narrow.tables.opac.entries()[0] == 0
+    entry = (window[1] - window[0]) / LAST
+    for hounsfield in np.arange(window[0] + 2 * entry, min(window[1], 1000) if window[1] > 1000 else 0, entry):
+        seen, expected = at(narrow, under, hounsfield)[0], at(wide, whole, hounsfield)[0]
+        assert seen == pytest.approx(expected, abs=0.1)  # a wide window's entries are 16 units apart
+
+
+@pytest.mark.parametrize("window", [(1.0, 7.0), (4.0, 8.0), (0.5, 3.0)])
+def test_a_window_that_begins_within_labels_leaves_the_background_clear(window: tuple[float, float]) -> None:
+    known = subject({0.0: 5000, **{float(n): 100 for n in range(1, 10)}}, Kind.LABELS, "uint8", window)
+    scene = default_scene(known)
+    assert at(scene, known, 0)[0] == 0
+    assert all(at(scene, known, n)[0] > 0.8 for n in range(1, 10) if window[0] < n)
+
+
+def test_a_class_that_begins_with_the_lowest_values_is_seen_under_any_window() -> None:
+    known = subject({float(n): 100 for n in range(1, 10)}, Kind.LABELS, "uint8", (3.0, 9.0))
+    assert all(at(default_scene(known), known, n)[0] > 0.8 for n in range(1, 10))
+
+
+def test_glowing_gas_is_clear_below_a_window_that_begins_within_it() -> None:
+    cube = noise({n / 4: 400 for n in range(16, 200)})
+    for low in (4.0, 20.0, 49.0):
+        known = subject(cube, Kind.SPECTRAL_CUBE, window=(low, 60.0))
+        opacity = default_scene(known).tables.opac.entries()
+        assert opacity[0] == 0 and opacity[1] > 0
+
+
+@pytest.mark.parametrize("kind", [Kind.DIFFERENCE_MAP, Kind.STATISTIC_MAP, Kind.WAVE_FUNCTION])
+@pytest.mark.parametrize("values", [noise({-6.0: 300, 6.0: 300}), {**noise({}, 0.1), -6.0: 3000, -7.0: 300}])
+@pytest.mark.parametrize("window", [(5.0, 8.0), (-8.0, -5.0), (4.5, 20.0), (-0.1, 0.1), (-1.0, 7.0)])
+def test_a_window_on_one_side_of_both_signs_shows_that_side_and_what_is_between_not(
+    window: tuple[float, float], values: Values, kind: Kind
+) -> None:
+    known = subject(values, kind, window=window)
+    scene = default_scene(known)
+    outside = 0.0 < window[0] or window[1] < 0.0
+    assert not outside or at(scene, known, 0.0)[0] == 0
