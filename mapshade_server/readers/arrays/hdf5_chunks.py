@@ -5,6 +5,7 @@ HDF5 itself unpacks a deflated chunk to wherever it ends, which may be beyond an
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -30,8 +31,9 @@ def read_selection(dataset: Any, selection: Selection) -> NDArray[Any]:
     most = math.prod(dataset.chunks) * dataset.dtype.itemsize + SLACK
     if filters in ([DEFLATE], [SHUFFLE, DEFLATE]) and _is_stored_plainly(dataset):
         return _unpacked(dataset, selection, filters, most)
+    chunks = _PackedChunks(dataset)
     for offsets in _touched(dataset, selection):  # to be unpacked once more by HDF5, through all of its filters
-        _check(dataset, offsets, filters, most)
+        _check(chunks.at(offsets), filters, most)
     checked: NDArray[Any] = dataset[tuple(selection)]
     return checked
 
@@ -63,17 +65,32 @@ def _touched(dataset: Any, selection: Selection) -> Iterator[tuple[int, ...]]:
     yield from product(*axes)
 
 
-def _packed(dataset: Any, offsets: tuple[int, ...]) -> tuple[int, bytes] | None:
-    """Which filters were left out (as bits) and the bytes of a chunk, None if it was never written."""
-    if dataset.id.get_chunk_info_by_coord(offsets).byte_offset is None:
-        return None
-    left_out, packed = dataset.id.read_direct_chunk(offsets)
-    return left_out, packed
+class _PackedChunks:
+    """A dataset's chunks as they are stored. To tell which there are, HDF5 walks through all: that is done once."""
+
+    def __init__(self, dataset: Any) -> None:
+        self._dataset = dataset
+
+    def at(self, offsets: tuple[int, ...]) -> tuple[int, bytes] | None:
+        """Which filters were left out (as bits) and the bytes of a chunk, None if it was never written."""
+        try:
+            left_out, packed = self._dataset.id.read_direct_chunk(offsets)
+        except (LookupError, OSError, RuntimeError, ValueError):  # for damaged chunks as for those that are not there
+            if offsets in self._written:
+                raise
+            return None
+        return left_out, packed
+
+    @cached_property
+    def _written(self) -> frozenset[tuple[int, ...]]:
+        """Where the chunks begin that were written."""
+        found: list[tuple[int, ...]] = []
+        self._dataset.id.chunk_iter(lambda chunk: found.append(tuple(chunk.chunk_offset)))
+        return frozenset(found)
 
 
-def _check(dataset: Any, offsets: tuple[int, ...], filters: list[int], most: int) -> None:
+def _check(found: tuple[int, bytes] | None, filters: list[int], most: int) -> None:
     """Raises ValueError if the chunk would become too much."""
-    found = _packed(dataset, offsets)
     place = filters.index(DEFLATE)
     if found is not None and not found[0] >> place & 1 and all(one == FLETCHER32 for one in filters[place + 1 :]):
         packed = found[1]
@@ -82,10 +99,10 @@ def _check(dataset: Any, offsets: tuple[int, ...], filters: list[int], most: int
 
 
 def _unpacked(dataset: Any, selection: Selection, filters: list[int], most: int) -> NDArray[Any]:
-    wanted = _ranges(dataset, selection)
+    wanted, chunks = _ranges(dataset, selection), _PackedChunks(dataset)
     values = np.full([len(each) for each in wanted], dataset.fillvalue, dataset.dtype)
     for offsets in _touched(dataset, selection):
-        found = _packed(dataset, offsets)
+        found = chunks.at(offsets)
         if found is None:
             continue
         chunk = _chunk(dataset, *found, filters, most)

@@ -16,6 +16,7 @@ from support.files.opened import described, read_whole
 from support.files.refusals import assert_refused_in_one_line
 from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
@@ -264,6 +265,39 @@ def test_only_the_hyperslab_is_read(chunks: tuple[int, int, int] | None, tmp_pat
     reader.read(box)
     read_around = 2 * header if chunks else box.size[2] * SIEVE
     assert bytes_read() - before - header < 2 * box.voxels + read_around
+
+
+class CountedWalks:
+    """What stands for h5py's dataset or its id, and counts the calls for which HDF5 walks through all chunks."""
+
+    WALKS = ("chunk_iter", "get_chunk_info", "get_chunk_info_by_coord", "get_num_chunks")
+
+    def __init__(self, real: Any, made: list[str]) -> None:
+        self._real, self._made = real, made
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self.WALKS:
+            self._made.append(name)
+        found = getattr(self._real, name)
+        return CountedWalks(found, self._made) if name == "id" else found
+
+    def __getitem__(self, selection: Any) -> Any:
+        return self._real[selection]
+
+
+@pytest.mark.parametrize("settings", [{"shuffle": True}, {"fletcher32": True}], ids=["shuffled", "checksums"])
+@pytest.mark.parametrize("written_part", [slice(None), slice(3, 11)], ids=["whole", "in part"])
+def test_however_many_chunks_there_are_their_index_is_walked_once(
+    written_part: slice, settings: dict[str, bool], tmp_path: Path
+) -> None:
+    values, made = np.arange(4096, dtype=np.uint16).reshape(16, 16, 16), list[str]()
+    with h5py.File(tmp_path / "v.h5", "w") as file:
+        stored = file.create_dataset("v", values.shape, "u2", chunks=(2, 2, 2), compression="gzip", **settings)
+        stored[written_part] = values[written_part]
+    with h5py.File(tmp_path / "v.h5") as file:
+        got = read_selection(CountedWalks(file["v"], made), (slice(0, 15), slice(1, 16), 5))
+        np.testing.assert_array_equal(got, file["v"][:15, 1:, 5])
+    assert len(made) <= 1
 
 
 def test_one_chunk_says_why_it_is_read_whole(tmp_path: Path) -> None:
