@@ -23,6 +23,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.ui.controls.kept_events import take_events_once
 from volsplat.client.ui.doors.behind_proxy import BehindProxy
 from volsplat.client.ui.doors.gate import Gate
+from volsplat.client.ui.doors.handed_files import FILES_PATH, handed_file
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
 from volsplat.client.ui.doors.script_bundle import BUNDLES_PATH, ScriptBundles
@@ -139,6 +140,7 @@ class Application:
         application.add_api_route(
             f"{BUNDLES_PATH}/{{name}}", bundles.script, include_in_schema=False, response_model=None
         )
+        application.add_api_route(f"{FILES_PATH}/{{key}}", handed_file, include_in_schema=False, response_model=None)
         application.add_api_websocket_route("/viewport", self._viewport)
         application.add_api_route(EARLY_PATH, self._early_picture, include_in_schema=False, response_model=None)
         for path in (WAITING_PATH, ALIVE_PATH):

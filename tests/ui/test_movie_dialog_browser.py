@@ -48,6 +48,7 @@ def made(page: Page, folder: Path) -> dict[str, Any]:
     """The movie that the browser saves: its name, and what ffprobe finds in it."""
     with page.expect_download() as download:
         page.get_by_text("make the movie").click()
+    assert download.value.url.startswith("http")  # it is no message of the page's socket
     path = folder / download.value.suggested_filename
     shutil.copy(download.value.path(), path)
     asked = ["ffprobe", "-v", "error", "-count_packets", "-show_streams", "-of", "json", str(path)]

@@ -188,6 +188,19 @@ def test_the_saved_image_is_what_is_seen_and_holds_its_scene(page: Page, volume:
     assert (scene.image.height, scene.image.width) == saved.shape[:2]
 
 
+def test_what_is_saved_is_fetched_by_its_address_which_opens_for_this_browser_alone(view: Viewed, page: Page) -> None:
+    page.get_by_role("button", name="save").click()
+    with page.expect_download() as download:
+        page.get_by_text("image as PNG").click()
+    url = download.value.url
+    assert url.startswith(f"http://127.0.0.1:{view.port}/")
+    data = download.value.path().read_bytes()
+    rest = patient_http.get(url, headers={"Cookie": view.cookie, "Range": "bytes=100-"})
+    assert (rest.status_code, rest.content) == (206, data[100:])  # as of a line that was cut
+    assert patient_http.get(url).status_code == 403
+    assert patient_http.get(f"{url}x", headers={"Cookie": view.cookie}).status_code == 404
+
+
 def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: Page, tmp_path: Path) -> None:
     scene = save(page, "scene as TOML").decode()
     good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"

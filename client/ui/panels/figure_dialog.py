@@ -8,6 +8,7 @@ import threading
 from nicegui import context, ui
 
 from volsplat.client.figure.figure import Figure, figure_with, label_from_text
+from volsplat.client.ui.doors.handed_files import hand_bytes
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import FIGURE_KINDS, figure_bytes
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -66,7 +67,7 @@ class FigureDialog:
             if not self._left.is_set():
                 self._make.enable()
         if data is not None:
-            ui.download(data, f"{self._name}{kind}")
+            await hand_bytes(data, f"{self._name}{kind}")
 
     def _figure(self) -> Figure:
         """Raises BadInput."""

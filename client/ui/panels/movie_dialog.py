@@ -13,6 +13,7 @@ from nicegui import background_tasks, context, ui
 from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
+from volsplat.client.ui.doors.handed_files import hand_file
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -110,6 +111,7 @@ class MovieDialog:
 
     async def _follow(self, job: MovieJob, folder: Path) -> None:
         """Show how it goes, to the end, whether or not the tab is still there."""
+        handed = False  # to the browser, and the folder with it
         try:
             while not job.done:
                 self._show_progress(job, folder)
@@ -119,12 +121,14 @@ class MovieDialog:
             if job.whole and not self._gone:
                 self._line.text = f"{job.line} in {job.path.name}, which the browser saves"
                 with self._dialog.client:
-                    ui.download(job.path.read_bytes(), job.path.name)
+                    hand_file(job.path)
+                handed = True
         finally:
             self._viewing.jobs -= 1
             job.cancel()  # at the end of everything it may still be at it
             await asyncio.to_thread(job.join)
-            shutil.rmtree(folder)
+            if not handed:
+                shutil.rmtree(folder)
 
     def _show_progress(self, job: MovieJob, folder: Path) -> None:
         if self._gone:

@@ -11,6 +11,7 @@ from functools import cache, partial
 from nicegui import context, ui
 
 from volsplat.client.ui.controls.scene_upload import SceneUpload
+from volsplat.client.ui.doors.handed_files import hand_bytes
 from volsplat.client.ui.panels.figure_dialog import FigureDialog
 from volsplat.client.ui.panels.movie_dialog import MovieDialog
 from volsplat.client.ui.viewing.finished_picture import FinishedPicture
@@ -58,7 +59,7 @@ async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
     except VolsplatError as error:
         ui.notify(str(error), type="negative")
         return
-    ui.download(data, f"{file_stem(viewing)}.{kind}")
+    await hand_bytes(data, f"{file_stem(viewing)}.{kind}")
 
 
 async def _finished(viewing: Viewing) -> Picture:
