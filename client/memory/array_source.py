@@ -19,6 +19,7 @@ class ArraySource:
     origin: Vector = (0.0, 0.0, 0.0)
     unit: str = ""
     value_unit: str = ""
+    ordered: bool = False  # it says which of its axes are x, y and z
     anatomical: bool = False
     placed: bool = False  # it says where it lies; else the matrix is only a stand-in
     warnings: tuple[str, ...] = field(default=())

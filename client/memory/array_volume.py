@@ -42,16 +42,17 @@ class Volume:
     """A volume in memory: an array of numpy, torch, xarray, dask, zarr or h5py, an image of ITK, nibabel or VTK.
 
     What the object's library tells of its place is taken from it; what is given here counts before that. `axes` names
-    the array's axes in their order, "zyx" as numpy users have them or "xyz" as nibabel has. `spacing` and `origin` are
-    along x, y and z; or `affine`, 4 x 4, leads from indices (x, y, z) to physical axes, which `space` names by where
-    they grow to: "RAS" as nibabel's, "LPS" as ITK's; "" where there is no patient. Raises BadInput.
+    a bare array's axes in their order, "zyx" as numpy users have them (the default) or "xyz" as nibabel's data arrays;
+    images know their own. `spacing` and `origin` are along x, y and z; or `affine`, 4 x 4, leads from indices (x, y, z)
+    to physical axes, which `space` names by where they grow to: "RAS" as nibabel's, "LPS" as ITK's; "" where there is
+    no patient. Raises BadInput.
     """
 
     def __init__(
         self,
         array: Any,
         *,
-        axes: str = "zyx",
+        axes: str | None = None,
         spacing: Sequence[float] | None = None,
         origin: Sequence[float] | None = None,
         affine: Any = None,
@@ -99,8 +100,11 @@ def volume_in_memory(volume: Any) -> Volume | None:
     return Volume(volume)
 
 
-def _in_order(source: ArraySource, axes: str) -> ArraySource:
+def _in_order(source: ArraySource, axes: str | None) -> ArraySource:
     """With values indexed [z, y, x]. Raises BadInput unless there are three axes of one or more voxels."""
+    if axes is not None and source.ordered:
+        raise BadInput(f"axes={axes!r}: {source.name} says itself which of its axes are x, y and z; leave axes= out")
+    axes = "zyx" if axes is None else axes
     if sorted(axes) != sorted("xyz"):
         raise BadInput(f"axes={axes!r}: name each of x, y and z once, in the order of the array's axes, as 'zyx'")
     shape = tuple(source.values.shape)

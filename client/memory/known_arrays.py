@@ -133,6 +133,7 @@ def _by_coordinates(
         origin=_vector(np.multiply(origin, common.factors)),
         unit=common.unit,
         value_unit=value_unit,
+        ordered=bool(coordinates) or set(order) == set("zyx"),
         placed=placed,
         warnings=tuple(warnings),
     )
@@ -162,6 +163,7 @@ def _itk_source(values: Any, matrix: Any, origin: Any) -> ArraySource:
         matrix=_matrix(matrix),
         origin=_vector(origin),
         unit=PATIENT_UNIT,
+        ordered=True,
         anatomical=True,
         placed=True,
     )
@@ -176,6 +178,7 @@ def _nibabel(image: Any) -> ArraySource:
         name=PurePath(path).name if path else "image",
         matrix=_matrix(np.diag(image.header.get_zooms()[:3])),
         unit={"meter": "m", "micron": "um"}.get(units, PATIENT_UNIT),
+        ordered=True,
     )
     if image.affine is None:
         return source
@@ -215,6 +218,7 @@ def _vtk(image: Any) -> ArraySource:
         name=scalars.GetName() or "image",
         matrix=_matrix(matrix),
         origin=_vector(np.array(image.GetOrigin()) + matrix @ first),
+        ordered=True,
         placed=True,
     )
 
