@@ -64,13 +64,15 @@ class ControlsTalk:
 
     def end(self) -> None:
         self._subscriptions.close()
+        for which in TABLE_WORDS:
+            self._viewing.model.let_go(self._by(which))
 
     def heard(self, content: dict[str, Any]) -> None:
         """Do what a person did there; what is no scene is told at its table."""
         said = msgspec.convert(content, TableChanged | FinestChosen)
         if isinstance(said, FinestChosen):
             self._viewing.model.change(
-                lambda scene: replace(scene, refine=replace(scene.refine, finest=said.finest)), by=f"{self._view} steps"
+                lambda scene: replace(scene, refine=replace(scene.refine, finest=said.finest)), by=self._by("steps")
             )
             return
         self._answers[said.which] = said.number
@@ -85,8 +87,11 @@ class ControlsTalk:
         like, drawn = table_of(self._viewing.model.scene, said.which), said.settled and said.freehand
         table = table_from_points(like, said.points, drawn)
         self._viewing.model.change(
-            lambda scene: with_table(scene, said.which, table), by=f"{self._view} {said.which}", settled=said.settled
+            lambda scene: with_table(scene, said.which, table), by=self._by(said.which), settled=said.settled
         )
+
+    def _by(self, what: str) -> str:
+        return f"{self._view} {what}"
 
     def _on_scene(self, state: SceneState) -> None:
         self._tell_tables(state.scene)

@@ -134,3 +134,34 @@ def test_a_size_alone_is_nothing_to_undo() -> None:
     scenes = model()
     scenes.change(lambda scene: sized(scene, width=33, height=44))
     assert not scenes.can_undo
+
+
+def test_what_one_was_at_who_is_gone_is_settled_unless_another_one_holds_the_scene() -> None:
+    scenes = model()
+    scenes.let_go("nobody")
+    assert scenes.now.revision == 1
+    scenes.change(Edit(2), by="a", settled=False)
+    scenes.resize(lambda scene: sized(scene, width=33, height=44), "b")  # another window's, amid the drag
+    assert not scenes.now.settled and scenes.scene.image.width == 33
+    scenes.let_go("b")
+    assert not scenes.now.settled
+    scenes.let_go("a")
+    assert scenes.now.settled and scenes.scene.shading.specular_power == 2
+    scenes.change(Edit(3), by="a", settled=False)
+    scenes.change(Edit(4), by="b", settled=False)
+    scenes.let_go("b")
+    assert not scenes.now.settled
+    scenes.let_go("a")
+    assert scenes.now.settled
+    settled = scenes.now
+    scenes.let_go("a")
+    assert scenes.now is settled
+
+
+def test_who_let_go_is_not_let_go_once_more() -> None:
+    scenes = model()
+    scenes.change(Edit(2), by="a", settled=False)
+    scenes.change(Edit(3), by="a")
+    scenes.change(Edit(4), by="b", settled=False)
+    scenes.let_go("a")
+    assert not scenes.now.settled

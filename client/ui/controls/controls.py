@@ -57,6 +57,18 @@ def pressable(text: str, action: Callable[[], object]) -> ui.button:
         return ui.button(text, color=None, on_click=action).props("dense flat no-caps")
 
 
+def let_go_when_gone(model: SceneModel, by: str) -> None:
+    """Have what the tab that is being built was at as `by` settled once it is away: the hand may be, for good."""
+    client = context.client
+
+    def disconnected() -> None:
+        if not client.has_socket_connection:  # it may be connected anew before the old line's end is heard of
+            model.let_go(by)
+
+    client.on_disconnect(disconnected)
+    client.on_delete(lambda: model.let_go(by))
+
+
 class SceneEditor:
     """A panel's hold on the scene, within one tab."""
 
@@ -67,6 +79,7 @@ class SceneEditor:
         self._by = f"{panel} {context.client.id}"
         self._followers: list[Callable[[Scene], object]] = []
         self._throttle = Throttle(MOVING_INTERVAL, self._show)
+        let_go_when_gone(model, self._by)
         context.client.on_delete(self._throttle.cancel)
         context.client.on_delete(model.subscribe(self._on_change))
 

@@ -9,7 +9,7 @@ from functools import partial
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.controls.controls import SceneEditor, title
+from volsplat.client.ui.controls.controls import SceneEditor, let_go_when_gone, title
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
@@ -39,6 +39,7 @@ from volsplat.protocol.description.scene_keys import TABLE_WORDS
 STYLE = STATIC / "tables" / "table_editor.css"
 LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones
 STEPS = 5
+_SHIFT = "shift"  # who moves all tables
 
 replace = msgspec.structs.replace
 
@@ -62,6 +63,8 @@ class TablesPanel:
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
             self._editors = {which: self._build_table(which) for which in TABLE_WORDS}
+        for what in (*TABLE_WORDS, _SHIFT):
+            let_go_when_gone(model, self._by(what))
         context.client.on_delete(model.subscribe(self._follow))
 
     # -- building
@@ -173,7 +176,7 @@ class TablesPanel:
     def _shift(self, by: float, settled: bool) -> None:
         """Move the tables by density."""
         self._model.change(
-            lambda scene: self._table_shift.pushed(scene, by, settled), by=self._by("shift"), settled=settled
+            lambda scene: self._table_shift.pushed(scene, by, settled), by=self._by(_SHIFT), settled=settled
         )
 
     def _load(self, which: str, name: str, text: str) -> None:

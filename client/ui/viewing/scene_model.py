@@ -43,6 +43,7 @@ class SceneModel:
         self._before: list[Scene] = []  # for undo, oldest first
         self._after: list[Scene] = []  # for redo
         self._gesture: Scene | None = None  # the scene before the change that is not yet settled
+        self._held: set[str] = set()  # who made changes and has not settled them yet
         self._subscribers: list[Subscriber] = []
 
     @property
@@ -72,8 +73,22 @@ class SceneModel:
                 self._gesture = self.scene
             self._after.clear()
         if settled:
+            self._held.discard(by)
             self._end_gesture(scene)
+        else:
+            self._held.add(by)
         self._publish(scene, by, settled, event)
+
+    def resize(self, edit: Callable[[Scene], Scene], by: str) -> None:
+        """Likewise for the image's size alone, which no hand holds: whoever is at the scene goes on."""
+        self._publish(self._fitted(edit(self.scene)), by, self._state.settled)
+
+    def let_go(self, by: str) -> None:
+        """Who made changes is gone: what that one was at is settled, unless others hold the scene as well."""
+        if by in self._held:
+            self._held.discard(by)
+            if not self._state.settled and not self._held:
+                self.change(lambda scene: scene, by=by)
 
     @property
     def can_undo(self) -> bool:

@@ -74,9 +74,7 @@ class ViewportTalk:
         self._slices.end()
         for task in self._tasks:
             task.cancel()
-        now = self._viewing.model.now
-        if now.by == self._tab and not now.settled:
-            self._viewing.model.change(lambda s: s, by=self._tab)
+        self._viewing.model.let_go(self._tab)
         self._image_size.closed(self)  # its tab may have another connection by now
         self._resize()
 
@@ -179,7 +177,7 @@ class ViewportTalk:
         """Have the image in the size that it should have; if it has that, nothing is drawn anew."""
         model = self._viewing.model
         if self._image_size.fitted(model.scene) != model.scene:
-            model.change(self._image_size.fitted, by=self._tab, settled=model.now.settled)
+            model.resize(self._image_size.fitted, by=self._tab)
 
     def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
         """Raises ValueError if the volume has no such bounds."""
