@@ -8,4 +8,7 @@ export default {
     this.slider = new ShiftSlider(this.$el, this.name, (by, settled) => this.$emit("shift", { by, settled }));
     this.$watch(() => [this.length, this.enabled], () => this.slider.showAxis(this.length, this.enabled), { immediate: true });
   },
+  unmounted() {
+    this.slider.close();
+  },
 };

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
+from support.pages.browser import close_tab
 from support.pages.tables_page import SCENE, WINDOW
 from support.pages.tables_tab import TITLES, Tab, box, until
 from volsplat.client.ui.tables.table_edits import shifted
@@ -107,6 +108,27 @@ def test_what_one_push_takes_off_the_axis_another_brings_back(tab: Tab) -> None:
     tab.page.mouse.up()
     back = tab.settles(lambda scene: first_point(scene) < 0.3)
     assert near(back.tables, SCENE.tables, ONE_PIXEL)
+
+
+def test_a_push_that_comes_back_to_where_it_began_ends(tab: Tab) -> None:
+    hold(tab, 0.3)
+    tab.waits_for(lambda scene: first_point(scene) > 0.4)
+    tab.page.mouse.move(*place(tab, 0.3))
+    slider = slider_of(tab)
+    # Which the hand does not find to the pixel.
+    slider.evaluate("(s) => { s.value = '0'; s.dispatchEvent(new Event('input')); }")
+    slider.evaluate("(s) => s.dispatchEvent(new PointerEvent('pointerup', { bubbles: true }))")
+    tab.settles(lambda scene: near(scene.tables, SCENE.tables))
+    tab.page.mouse.up()
+
+
+def test_a_push_ends_with_the_tab_of_its_hand(tab: Tab) -> None:
+    other = Tab(tab.page.context.new_page(), tab.url).load()
+    hold(other, 0.3)
+    tab.waits_for(lambda scene: first_point(scene) > 0.4)
+    assert not tab.state.settled
+    close_tab(other.page)
+    tab.settles(lambda scene: first_point(scene) > 0.4)
 
 
 def test_keys_shift_by_steps(tab: Tab) -> None:

@@ -3,6 +3,7 @@
 //
 // What a person does shows here at once and goes out through onChange, while it moves at most once for each frame of
 // the screen and not settled, settled when it ends.
+import { followHand } from "../controls/held_input.js";
 import { colourOf, hexOf } from "./table_numbers.js";
 import { PatchPlot } from "./patch_plot.js";
 import { HANDLES, STEP, added, moved, placeOf, stretched } from "./patch_shapes.js";
@@ -106,12 +107,14 @@ export class PatchEditor {
     });
     this._find("[name=add]").addEventListener("click", () => this._add());
     this._find("[name=remove]").addEventListener("click", () => this._remove());
-    for (const name of NUMBERS)
-      for (const [type, settled] of /** @type {[string, boolean][]} */ ([["input", false], ["change", true]]))
-        this._input(name).addEventListener(type, () => this._put({ [name]: Number(this._input(name).value) }, settled));
-    for (const name of COLOURS)
-      for (const [type, settled] of /** @type {[string, boolean][]} */ ([["input", false], ["change", true]]))
-        this._input(name).addEventListener(type, () => this._put({ [name]: colourOf(this._input(name).value) }, settled));
+    for (const name of NUMBERS) this._follow(name, Number);
+    for (const name of COLOURS) this._follow(name, colourOf);
+  }
+
+  /** @param {string} name @param {(text: string) => unknown} valueOf */
+  _follow(name, valueOf) {
+    const input = this._input(name);
+    followHand(input, (settled) => this._put({ [name]: valueOf(input.value) }, settled), this.closing.signal);
   }
 
   // -- the pointer

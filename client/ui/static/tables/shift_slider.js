@@ -1,5 +1,6 @@
 // @ts-check
 // A slider that pushes something along an axis for as long as it is held, and springs back when it is let go.
+import { followHand } from "../controls/held_input.js";
 import { ENTRIES, dataText } from "./table_numbers.js";
 
 const REACH = ENTRIES - 1; // steps to either side
@@ -13,16 +14,18 @@ export class ShiftSlider {
     this.output = /** @type {HTMLOutputElement} */ (host.lastElementChild);
     this.slider.setAttribute("aria-label", name);
     this.length = 1;
-    this.slider.addEventListener("input", () => {
+    this.closing = new AbortController();
+    const onMoved = (/** @type {boolean} */ settled) => {
+      onShift(this._by, settled);
+      if (settled) this.slider.value = "0";
       this._show();
-      onShift(this._by, false);
-    });
-    this.slider.addEventListener("change", () => {
-      onShift(this._by, true);
-      this.slider.value = "0";
-      this._show();
-    });
+    };
+    followHand(this.slider, onMoved, this.closing.signal);
     this._show();
+  }
+
+  close() {
+    this.closing.abort();
   }
 
   /** @param {number} length of the axis, in the data's units @param {boolean} enabled */

@@ -52,7 +52,7 @@ export class TableEditor {
     this.plot = new TablePlot(body, options.name, options.colour);
     this.fields = new TableFields(body, options.name, options.colour, {
       onPosition: (typed) => this._typePosition(typed),
-      onValue: (value, settled) => this._set(this.selected, [this.points[this.selected][0], value], settled),
+      onValue: (value, settled) => this._setValue(value, settled),
       onRemove: () => this._remove(this.selected),
     });
     this._listen();
@@ -119,6 +119,7 @@ export class TableEditor {
   close() {
     this.observer.disconnect();
     this.closing.abort();
+    this.fields.close();
     cancelAnimationFrame(this.frame);
   }
 
@@ -307,6 +308,13 @@ export class TableEditor {
   _set(index, point, settled) {
     this._change(this.points.map((old, n) => (n === index ? point : old)));
     if (settled) this._settle();
+  }
+
+  /** Of the selected point, unless none is selected any more when what was picked for it ends. @param {Value} value @param {boolean} settled */
+  _setValue(value, settled) {
+    const point = this.points[this.selected];
+    if (point) this._set(this.selected, [point[0], value], settled);
+    else this._settle();
   }
 
   /** @param {Point[]} points */

@@ -1,5 +1,6 @@
 // @ts-check
 // The row under a table: the selected point as numbers that can be typed, or what the pencil draws.
+import { followHand } from "../controls/held_input.js";
 import { colourOf, hexOf, numberOf } from "./table_numbers.js";
 
 /** @typedef {import("./table_numbers.js").Point} Point */
@@ -28,6 +29,7 @@ export class TableFields {
     this.picker = colour ? this._input("picker") : null;
     this.paint = colour ? this._input("paint") : null;
     this.remove = /** @type {HTMLButtonElement} */ (this.row.querySelector("button[name=remove]"));
+    this.closing = new AbortController();
     this.texts = { position: "", value: "" }; // what the scene has
     this._listen();
     this.show([], -1, "", false);
@@ -58,6 +60,10 @@ export class TableFields {
     return /** @type {Value} */ (colourOf(/** @type {HTMLInputElement} */ (this.paint).value));
   }
 
+  close() {
+    this.closing.abort();
+  }
+
   /** Take what is being typed, for the point that it was typed for. */
   leave() {
     const active = document.activeElement;
@@ -86,12 +92,16 @@ export class TableFields {
       this.to.onValue(/** @type {Value} */ (value), true);
       return "";
     });
-    for (const [event, settled] of /** @type {[string, boolean][]} */ ([["input", false], ["change", true]]))
-      this.picker?.addEventListener(event, () =>
-        this.to.onValue(/** @type {Value} */ (colourOf(/** @type {HTMLInputElement} */ (this.picker).value)), settled));
+    if (this.picker) this._follow(this.picker);
     this.remove.addEventListener("click", () => this.to.onRemove());
     for (const radio of this.row.querySelectorAll("input[type=radio]"))
       radio.addEventListener("change", () => (this.drawn = /** @type {Drawn} */ (/** @type {HTMLInputElement} */ (radio).value)));
+  }
+
+  /** @param {HTMLInputElement} picker */
+  _follow(picker) {
+    const onMoved = (/** @type {boolean} */ settled) => this.to.onValue(/** @type {Value} */ (colourOf(picker.value)), settled);
+    followHand(picker, onMoved, this.closing.signal);
   }
 
   /** Take a field's text at Enter or on leaving; `take` answers with what is wrong with it. */
