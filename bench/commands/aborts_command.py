@@ -21,9 +21,9 @@ from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.timing import wall_seconds
 from volsplat.client.command.help_page import helped
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.session import Session
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Image, Scene, View
 
 GOAL_SECONDS = 0.050  # at the 95th percentile
@@ -58,7 +58,7 @@ def aborts(
     )
     figures = []
     chance = random.Random(1)
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with local_session(path, workers, status.update, splat_servers=splat_servers) as session:
             known = session.volume

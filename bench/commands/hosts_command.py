@@ -20,10 +20,10 @@ from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, give_or_take, significant
 from volsplat.bench.views import around, seen
 from volsplat.client.command.help_page import helped
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import StepReport, report_of
 from volsplat.client.session.session import Session
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
 
 VIEWS_OF_A_TURN = 24
@@ -90,7 +90,7 @@ def hosts(
     outputs = Outputs(json, markdown)
     outputs.check()
     taken = []
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         status.stop()
         with shown_progress("frames", len(counts) * 2 * (FIRST + repeats)) as step:

@@ -15,10 +15,10 @@ from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.views import ELEVATION, FIRST_AZIMUTH, seen
 from volsplat.client.command.help_page import helped
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.single import SingleProcess
-from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.description.view_rotation import rotation_from_angles
@@ -56,7 +56,7 @@ def images(
     outputs = Outputs(json, markdown)
     outputs.check()
     subject = subject_of(volume, phantom, tables, scene, preset)
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with SingleProcess(path, threads=usable_cores(), on_progress=status.update) as single:
             known = single.volume

@@ -27,8 +27,8 @@ from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.client.command.help_page import helped
+from volsplat.client.command.side_console import SideConsole
 from volsplat.program.extras import need
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def page(
     need("nicegui", "the page", "ui")
     line = _link(link) if link else None
     subject = subject_of(volume, phantom, None, None, None)
-    with PlainConsole(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
+    with SideConsole().status("starting") as status, volume_file(subject, status.update) as path:
         with _tab() as tab, _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
             start = started(tab, reached, began)
             show_in(tab, IMAGE)

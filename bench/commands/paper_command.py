@@ -23,8 +23,8 @@ from volsplat.bench.timing import interleaved
 from volsplat.bench.views import around, seen
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_options import size_from_option
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.frame_report import PAPER_SECONDS, STEP_WORDS
-from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS
@@ -71,7 +71,7 @@ def paper(
     pixels, drawers = size_from_option(size), drawers_from_options(cluster, workers, USUAL_WORKERS)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     names, seconds, taken, scenes = list[str](), dict[tuple[str, Step], list[float]](), list[Taken](), list[Scene]()
     seen_shares: Shares | None = None
     with (

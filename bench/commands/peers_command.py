@@ -19,9 +19,9 @@ from volsplat.bench.timing import interleaved, ratios, wall_seconds
 from volsplat.bench.views import around, seen
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.help_page import helped
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.extras import need
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
@@ -80,7 +80,7 @@ def peers(
     with interrupts_held():
         from volsplat.bench.peers.contenders import opened_contenders
 
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with opened_contenders(path, lambda r: subject.scene_of(r.volume), counts, steps, status.update) as opened:
             status.stop()

@@ -14,8 +14,8 @@ from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.help_page import helped
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.image.image_formats import check_writable
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import GREATEST_ZOOM
 from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.errors import BadInput
@@ -94,7 +94,7 @@ def quality(
         check_writable(sheet)
     with interrupts_held():
         from volsplat.bench.quality.side_by_side import vtk_distances
-    distances = vtk_distances(PlainConsole(stderr=True).say)
+    distances = vtk_distances(SideConsole().say)
     found = [measure(sizes, distances) for measure in chosen_parts(only).values()]
     if sheet is not None:
         with interrupts_held():

@@ -36,6 +36,7 @@ from volsplat.bench.tables.record import record
 from volsplat.bench.views import around, seen
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.opened_volume import Servers, memory_option, opened, servers_from_options
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
@@ -112,7 +113,7 @@ def scaling(
     memory_bytes = bytes_from_option("--memory", memory) if memory else None
     outputs = Outputs(json, markdown, plot)
     outputs.check()
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         middle = sides[len(sides) // 2]
         cases, taken, found = list[Case](), list[Taken](), ""

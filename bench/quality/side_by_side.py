@@ -12,12 +12,12 @@ from torch import Tensor
 from volsplat.bench.peers.contenders import Contender, Drawing, vtk_name
 from volsplat.bench.quality.density_fields import DensityField
 from volsplat.bench.quality.ray_caster import cast
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.program.extras import need
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Reconstruction, Scene, SlabKernel, Step
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.text.errors import BadInput
@@ -111,7 +111,7 @@ def _with(reconstruction: Reconstruction, drawing: Drawing) -> Callable[[Scene],
 @contextmanager
 def opened_file(path: str) -> Iterator[SideBySide]:
     """Raises BadInput."""
-    with PlainConsole(stderr=True).status("reading the volume") as status:
+    with SideConsole().status("reading the volume") as status:
         side_by_side = SideBySide(path, status.update)
     with side_by_side.renderer:
         yield side_by_side
@@ -129,7 +129,7 @@ def opened_values(values: Tensor, geometry: Geometry) -> Iterator[SideBySide]:
 
 @contextmanager
 def opened_phantom(name: str, size: Index | None) -> Iterator[SideBySide]:
-    with PlainConsole(stderr=True).status(f"making the phantom {name}"):
+    with SideConsole().status(f"making the phantom {name}"):
         values, geometry = make_phantom(name, size=size)
     with opened_values(values, geometry) as opened:
         yield opened

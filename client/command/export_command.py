@@ -12,11 +12,11 @@ from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, vo
 from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.single import SingleProcess
-from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.text.byte_sizes import bytes_from_option
@@ -74,7 +74,7 @@ def export(
     check_found(volume, True, None)
     check_written_apart(volume, output)
     may_hold = bytes_from_option("--memory", memory) if memory else None
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with shown_progress(PROGRESS_STEPS, console) as (say, done):
         with SingleProcess(volume, threads=threads, memory=may_hold, on_progress=say) as single:
             single.volume.check_has_values()

@@ -14,8 +14,8 @@ from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.opened_volume import opened_quietly, server_options, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import FinestStep, Step
 
 
@@ -49,7 +49,7 @@ def gallery(
     servers = servers_from_options(
         workers, splat_servers, threads, None, None, cluster=cluster, silence=silence, tls=tls
     )
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     began = time.perf_counter()
     with interrupts_held():
         from volsplat.client.gallery.drawing import check_places, draw_gallery

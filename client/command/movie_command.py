@@ -22,13 +22,13 @@ from volsplat.client.command.opened_volume import (
 )
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import check_clear, check_movie_writable, movie_files
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.text.errors import BadInput
 
@@ -135,7 +135,7 @@ def movie(
             return key_framed([made_ready(key) for key in options.key_scenes(known, keys)], geometry, frames)
         return turntable(made_ready(options.scene_of(known)), geometry, frames, axis or "screen-y")
 
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     began = time.perf_counter()
     with shown_progress(frames, console) as (say, done):
         with opened_quietly(volume, servers, True, say, console) as renderer:

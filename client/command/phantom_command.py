@@ -12,6 +12,7 @@ from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.phantoms.volume_writer import (
     NRRD,
@@ -21,7 +22,6 @@ from volsplat.client.phantoms.volume_writer import (
     write_nrrd,
     write_volume,
 )
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import BadInput
@@ -54,7 +54,7 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
         seed=seed,
     )
     ni, nj, nk = made.geometry.dims
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with shown_progress(nk, console) as (tell, done):
         tell("making sheets")
         made = made._replace(slabs=_counted(made.slabs, done))

@@ -20,6 +20,7 @@ from volsplat.client.command.opened_volume import (
 )
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.render_outputs import Outputs, step_image_path
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.empty_image import why_empty
@@ -114,7 +115,7 @@ def render(
         tls=tls,
         trace=trace,
     )
-    console = PlainConsole(stderr=True)
+    console = SideConsole()
     with opened(volume, servers, spawns, console, imports=[PICTURE_FILES]) as renderer:
         draw(renderer, scene_options, figure, Step(step), outputs, console)
 
@@ -143,18 +144,19 @@ def draw(
             outputs.make_folder()
             path = step_image_path(outputs.steps_dir, refinement.step)
             write_picture(path, refinement.published.pixels, scene, renderer.volume, figure)
+    pixels = finished[-1].published.pixels
+    if outputs.image is not None:
+        write_picture(outputs.image, pixels, scene, renderer.volume, figure)
+    if outputs.report is not None:
+        write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
     tell_level(finished[-1], console)
     if outputs.image is not None:
-        pixels = finished[-1].published.pixels
-        write_picture(outputs.image, pixels, scene, renderer.volume, figure)
         if why := why_empty(pixels, scene):
             console.say(f"note: {why}")
         width, height = figure_extent(figure or BARE, scene, renderer.volume)
         console.say(f"{outputs.image}: {width}x{height}, {_seconds(finished[-1])} for step {last}")
     if outputs.steps_dir is not None:
         console.say(f"{outputs.steps_dir}: steps A to {last}")
-    if outputs.report is not None:
-        write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
 
 
 def tell_level(drawn: Refinement, console: PlainConsole) -> None:

@@ -10,12 +10,12 @@ import click
 
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.side_console import SideConsole
 from volsplat.client.image.image_formats import SCENE_HOLDERS
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.scene.scene_file import scene_toml
 from volsplat.client.session.session import Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
 
@@ -47,7 +47,7 @@ def scene(source: str | None, **settings: Any) -> None:
     volume = None
     if shows_volume:
         volume = _surveyed(source)
-        options.tell_unsuited(volume, PlainConsole(stderr=True))
+        options.tell_unsuited(volume, SideConsole())
     elif options.scene is None:
         options = replace(options, scene=Path(source))
     else:
@@ -73,6 +73,6 @@ def _shows_a_scene(source: str) -> bool:
 
 def _surveyed(name: str) -> SurveyedVolume:
     check_is_there(name)
-    with PlainConsole(stderr=True).status(f"reading {volume_name(name).place}") as status:
+    with SideConsole().status(f"reading {volume_name(name).place}") as status:
         with Session(name, workers=1, held=False, on_progress=status.update) as session:
             return session.volume

@@ -366,6 +366,27 @@ def test_a_full_disk_behind_the_output_is_told_in_one_line(person: Person, head:
     assert done.stderr == f"{program}: the output cannot be written: No space left on device; write it elsewhere\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+@pytest.mark.parametrize("lost", ["a full disk", "a pipe that nobody reads"])
+@pytest.mark.parametrize(
+    ("command", "files"),
+    [
+        (["render", "head.nrrd", "-o", "a.png", "--report", "a.json", "--preset", "labels"], ["a.png", "a.json"]),
+        (["movie", "head.nrrd", "-o", "frames", "--frames", "2"], ["frames/frame-00001.png", "frames/frame-00002.png"]),
+        (["export", "head.nrrd", "-o", "a.ply"], ["a.ply"]),
+    ],
+)
+def test_a_lost_stderr_takes_no_file_with_it(person: Person, lost: str, command: list[str], files: list[str]) -> None:
+    write_volume(person.folder / "head.nrrd", *make_phantom("head", size=(24, 28, 26)))
+    reader, writer = os.pipe()
+    os.close(reader)
+    size = [] if command[0] == "export" else ["--single", "--size", "32"]
+    with open("/dev/full", "w") as full, os.fdopen(writer, "w") as unread:
+        stderr = full if lost == "a full disk" else unread
+        done = subprocess.run([VOLSPLAT, *command, *size], cwd=person.folder, stderr=stderr, timeout=PATIENCE)
+    assert done.returncode == 0 and [name for name in files if not (person.folder / name).exists()] == []
+
+
 @pytest.mark.parametrize(
     "command",
     [
