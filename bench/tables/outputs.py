@@ -1,8 +1,9 @@
 """What every benchmark can leave: tables on the terminal, and JSON, Markdown and a plot in files."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,21 +38,37 @@ class Outputs:
                 raise BadInput(f"{path}: cannot write this file; name another")
 
     def deliver(self, found: Record, tables: Sequence[TextTable], panels: Sequence[Panel] = ()) -> None:
-        """Print the tables and write the files."""
+        """Write the files and print the tables: what cannot be written takes nothing else with it.
+
+        Raises BadInput for the first file that could not be, once all else is done.
+        """
+        refused: list[BadInput] = []
+        for write in self._writers(found, tables, panels):
+            try:
+                write()
+            except BadInput as error:
+                refused.append(error)
         console = PlainConsole()
         for table in tables:
             console.print(*table.rich(console.width))
         for name, fact in found.facts.items():
             console.say(f"{name}: {fact}")
+        if refused:
+            raise refused[0]
+
+    def _writers(
+        self, found: Record, tables: Sequence[TextTable], panels: Sequence[Panel]
+    ) -> Iterator[Callable[[], None]]:
+        """What writes each file that is wanted."""
+        machine = machine_words(found.machine)
         if self.json is not None:
-            write_record(self.json, found)
+            yield partial(write_record, self.json, found)
         if self.markdown is not None:
-            facts = [
-                f"- {name}: {fact}" for name, fact in {"machine": machine_words(found.machine), **found.facts}.items()
-            ]
-            write_text(self.markdown, "\n".join([*(table.markdown() for table in tables), *facts]) + "\n")
+            facts = [f"- {name}: {fact}" for name, fact in {"machine": machine, **found.facts}.items()]
+            text = "\n".join([*(table.markdown() for table in tables), *facts]) + "\n"
+            yield partial(write_text, self.markdown, text)
         if self.plot is not None:
-            write_plot(self.plot, f"volsplat bench {found.command}\n{machine_words(found.machine)}", panels)
+            yield partial(write_plot, self.plot, f"volsplat bench {found.command}\n{machine}", panels)
 
 
 def output_options(plot: bool = False) -> Callable[[Command], Command]:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from volsplat.bench.commands.compare_command import comparison, moved
+from volsplat.bench.tables.outputs import Outputs
 from volsplat.bench.tables.record import Figure, Record, figure, read_record, record, write_record
 from volsplat.bench.tables.text_table import TextTable, significant, with_give_or_take, with_unit
 from volsplat.bench.timing import interleaved, ratios
@@ -150,3 +151,26 @@ def test_a_table_keeps_every_heading_whole_on_a_narrow_terminal(columns: int, wi
     for text in (*headings, *(f"{n}.5 ±10%" for n in range(columns))):
         assert text in shown
     assert shown.count("A caption.") == 1
+
+
+class Lost(StringIO):
+    """A standard output that is gone."""
+
+    def write(self, text: str) -> int:
+        raise OSError("No space left on device")
+
+
+def test_what_was_measured_is_in_its_files_whatever_else_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found, tables = recorded(figure("a", "s", [1.0])), [TextTable("Times", ("a",), "of one")]
+    tables[0].add("1.0 s")
+    written = Outputs(tmp_path / "a.json", tmp_path / "a.md")
+    monkeypatch.setattr("sys.stdout", Lost())
+    with pytest.raises(OSError, match="No space left"):
+        written.deliver(found, tables)
+    assert read_record(tmp_path / "a.json") == found and "Times" in (tmp_path / "a.md").read_text()
+    monkeypatch.undo()
+    with pytest.raises(BadInput, match="gone"):
+        Outputs(tmp_path / "gone" / "b.json", tmp_path / "b.md").deliver(found, tables)
+    assert "Times" in (tmp_path / "b.md").read_text() and "Times" in capsys.readouterr().out
