@@ -16,14 +16,14 @@ _NUMBER_OF = re.compile(r"^(\w+) (\d+)$", re.MULTILINE)  # in memory.stat
 class _MemoryFiles(NamedTuple):
     """What a version of control groups calls them."""
 
-    limit: str
+    limits: tuple[str, ...]  # beyond which a process is killed, or held up so that it hardly gets on
     used: str
     dropped: tuple[str, str]  # in memory.stat: what has been read of files, which makes room if there is need
 
 
 MEMORY_FILES = (
-    _MemoryFiles("memory.max", "memory.current", ("inactive_file", "active_file")),
-    _MemoryFiles("memory.limit_in_bytes", "memory.usage_in_bytes", ("total_inactive_file", "total_active_file")),
+    _MemoryFiles(("memory.max", "memory.high"), "memory.current", ("inactive_file", "active_file")),
+    _MemoryFiles(("memory.limit_in_bytes",), "memory.usage_in_bytes", ("total_inactive_file", "total_active_file")),
 )
 
 
@@ -60,10 +60,11 @@ def _groups(controller: str) -> Iterator[Path]:
 
 def _memory_left(group: Path) -> int:
     for files in MEMORY_FILES:
-        limit, used, stat = (_text(group / name) for name in (files.limit, files.used, "memory.stat"))
-        if limit.isdecimal() and used.isdecimal():
-            known = dict(_NUMBER_OF.findall(stat))
-            return max(int(limit) - int(used) + sum(int(known.get(name, 0)) for name in files.dropped), 0)
+        limits = [int(limit) for name in files.limits if (limit := _text(group / name)).isdecimal()]
+        used = _text(group / files.used)
+        if limits and used.isdecimal():
+            known = dict(_NUMBER_OF.findall(_text(group / "memory.stat")))
+            return max(min(limits) - int(used) + sum(int(known.get(name, 0)) for name in files.dropped), 0)
     return UNLIMITED
 
 

@@ -71,6 +71,20 @@ def test_files_that_were_read_leave_room(groups: Groups) -> None:
     assert memory_left() == 81 * MIB
 
 
+@pytest.mark.parametrize(("high", "left"), [("max", 60), (str(80 * MIB), 40), (str(400 * MIB), 60)])
+def test_a_group_that_slows_its_processes_down_gives_no_more(groups: Groups, high: str, left: int) -> None:
+    """As systemd's MemoryHigh= does, long before any is killed."""
+    groups.be_in("0::/user.slice")
+    groups.say(
+        "user.slice",
+        memory__max=str(100 * MIB),
+        memory__high=high,
+        memory__current=str(40 * MIB),
+        memory__stat="anon 1",
+    )
+    assert memory_left() == left * MIB
+
+
 def test_version_1_is_understood(groups: Groups) -> None:
     groups.be_in("9:memory:/docker/c0ffee", "4:cpu,cpuacct:/docker/c0ffee", "1:name=systemd:/", "0::/")
     groups.say(
