@@ -66,5 +66,5 @@ class _LossWatch:
         if not servers.healing and not servers.missing:
             found = losses(self._session.servers)
             words = "; ".join(found.get(n, words) for n, words in self._told.items())
-            self._viewing.troubles.tell(Trouble(f"{words}; the picture is whole again"))
+            self._viewing.troubles.tell_end(f"{words}; the picture is whole again")
             self._told = {}

@@ -7,8 +7,8 @@ from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import ImageSize
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.client.ui.viewing.trouble import BY_HAND, Trouble, trouble_of
-from volsplat.client.ui.viewing.viewing import Feed, Viewing
+from volsplat.client.ui.viewing.trouble import BY_HAND, trouble_of
+from volsplat.client.ui.viewing.viewing import Feed, Troubles, Viewing
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import VolsplatError
 
@@ -16,7 +16,7 @@ from volsplat.protocol.text.errors import VolsplatError
 def opened_viewing(session: Session, scene: Scene, cure: str = BY_HAND) -> Viewing:
     """Everything that a page needs; the drawing loop is not started yet. `cure` is that of a session that has ended."""
     pictures: Feed[Picture] = Feed()
-    troubles: Feed[Trouble] = Feed()
+    troubles = Troubles()
     model = SceneModel(scene, session.volume.fitted)
 
     def tell(error: VolsplatError) -> None:

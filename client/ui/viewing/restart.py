@@ -37,13 +37,16 @@ class Restart:
             return
         try:
             self._say("it is being started again")
-            outcome = self._started()
+            failed = self._started()
         finally:
             self._starting.release()
-        self._viewing.troubles.tell(outcome)
+        if failed is None:
+            self._viewing.troubles.tell_end("it was started again")
+        else:
+            self._viewing.troubles.tell(failed)
 
-    def _started(self) -> Trouble:
-        """What is to be told of it."""
+    def _started(self) -> Trouble | None:
+        """What is to be told of it if that failed."""
         viewing = self._viewing
         viewing.session.close()  # its port may be wanted again
         try:
@@ -54,7 +57,7 @@ class Restart:
         except VolsplatError as error:
             return trouble_of(error, viewing.cure)
         viewing.loop.draw_with(viewing.session)
-        return Trouble("it was started again")
+        return None
 
     def _say(self, words: str) -> None:
         """While it is being started: the session goes on to tell what takes time, as each frame does."""

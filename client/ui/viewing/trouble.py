@@ -12,10 +12,14 @@ BY_BUTTON = "nothing can be drawn until it is started again"
 
 @dataclass(frozen=True)
 class Trouble:
-    """A line for the person. What is lasting is told until something else is, in tabs that are opened later as well."""
+    """A line for the person. What is lasting is told until another such is, in tabs that are opened later as well."""
 
     text: str
     lasting: bool = False
+
+
+OVER = Trouble("", lasting=True)
+"""Takes away what lasted."""
 
 
 def trouble_of(error: VolsplatError, cure: str) -> Trouble:

@@ -14,7 +14,7 @@ from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import ImageSize
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.client.ui.viewing.trouble import Trouble
+from volsplat.client.ui.viewing.trouble import OVER, Trouble
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
 
@@ -39,7 +39,7 @@ class Feed(Generic[News]):
     def tell(self, news: News) -> None:
         """From any thread. Before a loop is attached nobody has subscribed."""
         if self._loop is None:
-            self.newest = news
+            self._note(news)
         else:
             with suppress(RuntimeError):  # the loop is closed, at any moment: nobody looks any more
                 self._loop.call_soon_threadsafe(self._pass_on, news)
@@ -62,10 +62,31 @@ class Feed(Generic[News]):
         finally:
             leave()
 
-    def _pass_on(self, news: News) -> None:
+    def _note(self, news: News) -> None:
         self.newest = news
+
+    def _pass_on(self, news: News) -> None:
+        self._note(news)
         for subscriber in list(self._subscribers):
             subscriber(news)
+
+
+class Troubles(Feed[Trouble]):
+    """Lines for the person: one that lasts stays while others come and pass."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lasting: Trouble | None = None
+
+    def tell_end(self, text: str) -> None:
+        """What lasted is over, and this is told of it, in passing."""
+        self.tell(OVER)
+        self.tell(Trouble(text))
+
+    def _note(self, news: Trouble) -> None:
+        super()._note(news)
+        if news.lasting:
+            self.lasting = None if news == OVER else news
 
 
 @dataclass
@@ -78,7 +99,7 @@ class Viewing:
     volume: SurveyedVolume
     default_scene: Scene
     pictures: Feed[Picture]
-    troubles: Feed[Trouble]
+    troubles: Troubles
     cure: str  # what a person may do once the session has ended
     image_size: ImageSize = field(default_factory=ImageSize)
     number: int = 1  # of the volumes that were shown, one after the other

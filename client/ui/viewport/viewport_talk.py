@@ -60,9 +60,8 @@ class ViewportTalk:
     def begin(self) -> None:
         """Tell all that there is, and from now on what changes."""
         self._on_scene(self._viewing.model.now)
-        trouble = self._viewing.troubles.newest
-        if trouble is not None and trouble.lasting:
-            self._on_trouble(trouble)
+        if self._viewing.troubles.lasting is not None:
+            self._on_trouble(self._viewing.troubles.lasting)
         self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
         self._subscriptions.callback(self._viewing.pictures.subscribe(self._on_picture))
         self._subscriptions.callback(self._viewing.troubles.subscribe(self._on_trouble))

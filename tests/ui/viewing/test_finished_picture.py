@@ -18,7 +18,7 @@ from volsplat.client.ui.viewing.finished_picture import FinishedPicture
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.trouble import Trouble
-from volsplat.client.ui.viewing.viewing import Feed, Viewing
+from volsplat.client.ui.viewing.viewing import Feed, Troubles, Viewing
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
@@ -43,7 +43,7 @@ class Saved:
         model = SceneModel(plain_scene())
         nothing = cast(Any, None)
         pictures: Feed[Picture] = Feed()
-        troubles: Feed[Trouble] = Feed()
+        troubles = Troubles()
         self.viewing = Viewing(there, model, there, nothing, model.scene, pictures, troubles, "start volsplat again")
         pictures.attach(asyncio.get_running_loop())
         troubles.attach(asyncio.get_running_loop())

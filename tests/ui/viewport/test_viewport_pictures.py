@@ -393,6 +393,15 @@ def test_a_trouble_is_told_until_it_is_over(shown: ShownViewport) -> None:
     expect(status).to_be_hidden()
 
 
+def test_a_trouble_that_lasts_is_told_again_once_another_one_has_passed(shown: ShownViewport) -> None:
+    status = shown.page.get_by_role("status")
+    for text in ("The server b.lan was lost.", "The volume has no such bounds.", ""):
+        shown.process.say({"type": "trouble", "text": text, "lasting": text.startswith("The server")})
+        expect(status).to_have_text(text or "The server b.lan was lost.")
+    shown.process.say({"type": "trouble", "text": "", "lasting": True})
+    expect(status).to_be_hidden()
+
+
 def test_after_a_drop_the_page_connects_again(shown: ShownViewport) -> None:
     shown.show_and_wait(plain(RED))
     shown.process.hang_up()

@@ -3,7 +3,7 @@
 const SHOWN_FOR = 8000; // milliseconds, for what does not last
 
 export class TroubleBar {
-  #texts = { connection: "", process: "", picture: "" };
+  #texts = { connection: "", passing: "", lasting: "", picture: "" };
   #timer = 0;
 
   constructor() {
@@ -19,11 +19,12 @@ export class TroubleBar {
     this.#draw();
   }
 
-  /** What the client's process says; "" takes it away. @param {string} text @param {boolean} lasting */
+  /** What the client's process says; "" takes it away. What lasts is seen again once others have passed. @param {string} text @param {boolean} lasting */
   ofProcess(text, lasting) {
     clearTimeout(this.#timer);
-    this.#texts.process = text;
-    if (text && !lasting) this.#timer = setTimeout(() => this.ofProcess("", false), SHOWN_FOR);
+    this.#texts.passing = lasting ? "" : text;
+    if (lasting) this.#texts.lasting = text;
+    else if (text) this.#timer = setTimeout(() => this.ofProcess("", false), SHOWN_FOR);
     this.#draw();
   }
 
@@ -39,7 +40,8 @@ export class TroubleBar {
   }
 
   #draw() {
-    const text = this.#texts.connection || this.#texts.process || this.#texts.picture;
+    const { connection, passing, lasting, picture } = this.#texts;
+    const text = connection || passing || lasting || picture;
     this.element.hidden = text === "";
     this.element.textContent = text;
   }

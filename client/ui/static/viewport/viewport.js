@@ -225,6 +225,7 @@ export class Viewport {
       this.element.classList.toggle("vs-lost", !connected);
     }
     if (!anew) return;
+    this.#trouble.ofProcess("", true); // what still lasts is told anew
     this.#pictures.reconnected();
     this.#asked = { width: 0, height: 0 };
     this.#box = this.#measured();
