@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from volsplat.mapshade_server.links.data_link import DataLink
 from volsplat.protocol.messages.messages import Route
@@ -18,6 +19,7 @@ from volsplat.protocol.wire.tokens import Token
 
 log = logging.getLogger(__name__)
 
+MOST_DIALLED = 32  # at once
 CLIENT_FIRST = 2.0  # times the silence: the client, which knows more, judges a splat server that is frozen before
 
 
@@ -48,7 +50,8 @@ class DataLinks:
     def connect(self, routes: Sequence[Route], server: int) -> None:
         """Have this server linked to the ends of these routes and to no other.
 
-        One that cannot be reached is done without. Raises what the first one failed of if none can.
+        All are dialled at once, and one that cannot be reached is done without. Raises what the first one failed of if
+        none can.
         """
         kept = {link.route: link for link in self._links.values() if not link.closed and link.route in routes}
         unreached: VolsplatError | None = None
@@ -56,10 +59,12 @@ class DataLinks:
         for link in before.values():
             if link not in kept.values():
                 link.close()
-        for route in routes:
-            if route not in kept:
+        new = [route for route in routes if route not in kept]
+        with ThreadPoolExecutor(MOST_DIALLED, "dial splat server") as dialling:
+            dialled = [(route, dialling.submit(self._link, route, server)) for route in new]
+            for route, link_to in dialled:
                 try:
-                    self._links = {**self._links, route.server: self._link(route, server)}
+                    self._links = {**self._links, route.server: link_to.result()}
                 except VolsplatError as error:
                     log.info("%s", error)
                     unreached = unreached or error

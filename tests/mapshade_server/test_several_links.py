@@ -215,3 +215,22 @@ def test_a_frozen_splat_server_is_dialled_no_more_once_the_client_has_given_it_u
         with pytest.raises(BlockingIOError):
             frozen.accept()
     links.close()
+
+
+def test_splat_servers_that_do_not_answer_hold_up_nobody_that_comes_after_them(bench: Bench) -> None:
+    links = DataLinks(bench.token, lambda: False, Heartbeat(PATIENCE), Encryption.BETWEEN_MACHINES)
+    with socket.create_server((LOOPBACK, 0)) as one, socket.create_server((LOOPBACK, 0)) as other:
+        servers = [one, other]
+        ports = [int(frozen.getsockname()[1]) for frozen in servers]
+        silent = [messages.Route(number, LOOPBACK, port, KEY) for number, port in enumerate(ports, 3)]
+        there = bench.splat_servers[0].address
+        living = messages.Route(2, there.host, there.port, KEY)
+        connecting = threading.Thread(target=links.connect, args=([*silent, living], 1), daemon=True)
+        connecting.start()
+        for frozen in servers:
+            frozen.settimeout(PATIENCE)
+        with one.accept()[0], other.accept()[0], bench.accepts(0):
+            links.interrupt_except([living])
+        connecting.join(PATIENCE)
+        assert not connecting.is_alive() and list(links.of_servers) == [2]
+    links.close()
