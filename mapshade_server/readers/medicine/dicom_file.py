@@ -36,6 +36,8 @@ UNDEFINED_LENGTH = 0xFFFFFFFF
 PIXEL_DATA, FLOAT_PIXELS, DOUBLE_PIXELS = 0x7FE00010, 0x7FE00008, 0x7FE00009
 DEFLATED = "1.2.840.10008.1.2.1.99"
 SQUARE_TOLERANCE = 0.01  # of direction cosines
+AXIAL_TOLERANCE = 1e-4  # likewise
+Z_TOLERANCE = 0.01  # mm; of numbers that are written with few decimals
 
 # What tells frames at one place apart: the word by which a person chooses, and where the value is found, first to
 # last: in a functional group, or in the file as a whole.
@@ -278,11 +280,24 @@ def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int)
         raise BadInput(
             f"{path}: has no usable ImageOrientationPatient, so it has no place in a series; export it again"
         )
-    place = Place((x, y, z), row, column)
-    offsets = words_of(head.get("GridFrameOffsetVector"))
+    return _in_grid(path, Place((x, y, z), row, column), head.get("GridFrameOffsetVector"), number)
+
+
+def _in_grid(path: Path, place: Place, stated: Any, number: int) -> Place:
+    """The place of a dose grid's frame: its offset along the normal counts from the first frame, or is z itself."""
+    offsets = stated if isinstance(stated, Sequence) and not isinstance(stated, str) else words_of(stated)
     if not offsets:
         return place
     if len(offsets) <= number:
         raise BadInput(f"{path}: its GridFrameOffsetVector has no place for frame {number}; export it again")
-    along = matrices.scaled(place.normal, float(offsets[number]))
+    first, offset, z = float(offsets[0]), float(offsets[number]), place.position[2]
+    if first == 0:
+        return replace(place, position=matrices.plus(place.position, matrices.scaled(place.normal, offset)))
+    upright = place.normal[2]
+    if abs(abs(upright) - 1) > AXIAL_TOLERANCE or abs(first - z) > Z_TOLERANCE:
+        raise BadInput(
+            f"{path}: its GridFrameOffsetVector begins with {first:g}, which is neither 0 nor, of an axial grid, the z "
+            f"of its ImagePositionPatient ({z:g}); export it again"
+        )
+    along = matrices.scaled(place.normal, (offset - first) / upright)
     return replace(place, position=matrices.plus(place.position, along))
