@@ -22,7 +22,7 @@ from volsplat.client.coordinator import work_shares
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.coordinator.shares.moving_costs import MovingCosts
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.held.kept_packets import GivenUp
+from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.protocol.description.scene import Image, ScalarTable, Scene, Step, View

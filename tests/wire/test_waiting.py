@@ -74,7 +74,9 @@ def test_of_two_clients_that_come_at_once_one_is_served_and_the_other_dials_agai
             return 1
 
         accepter = Accepter(Role.CLIENT, TOKEN, assign_id=let_in)
-        call_once = call(address, "node1", accepter, patience=PATIENCE, report=str, given_up=lambda: False)
+        call_once = call(
+            address, "node1", accepter, patience=PATIENCE, report=list[str]().append, given_up=lambda: False
+        )
         clients.append(call_once)
 
     with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
