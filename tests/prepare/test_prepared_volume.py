@@ -22,9 +22,10 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.renderer import Refinement, Renderer
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.held.kept_packets import GivenUp, stored_sub_cubes
+from volsplat.mapshade_server.held.kept_packets import stored_sub_cubes
 from volsplat.mapshade_server.held.packet_store import open_store
 from volsplat.mapshade_server.held.volume_identity import identified_store
+from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
