@@ -91,6 +91,8 @@ def mtz_reflections(path: Path) -> Reflections:
     with one_line_errors(path, "MTZ file"), np.errstate(invalid="ignore"):
         mtz = gemmi.read_mtz_file(str(path))
         table = np.array(mtz, np.float64)
+        measured = table[:, 3:]
+        measured[measured == mtz.valm] = np.nan  # which is NaN itself in most files
         for number, column in enumerate(mtz.columns):
             if column.type in kinds:
                 kinds[column.type][column.label] = table[:, number]

@@ -51,6 +51,21 @@ def frequencies(path: Path) -> dict[tuple[int, ...], complex]:
     return found
 
 
+@pytest.mark.parametrize("flag", [-999.0, 0.0, 7.25])
+def test_what_an_mtz_file_flags_as_missing_is_not_there(flag: float, tmp_path: Path) -> None:
+    whole = mtz(tmp_path / "whole.mtz", "P 1")
+    left_out, flagged = (gemmi.read_mtz_file(str(whole)) for _ in range(2))
+    table = np.array(left_out)
+    missing = (np.abs(table[:, 0]) == 1) | (table[:, 3] < 20)
+    left_out.set_data(table[~missing])
+    table[missing, 3:] = flag
+    flagged.set_data(table)
+    flagged.valm = flag
+    for name, made in (("left_out.mtz", left_out), ("flagged.mtz", flagged)):
+        made.write_to_file(str(tmp_path / name))
+    assert frequencies(tmp_path / "flagged.mtz") == frequencies(tmp_path / "left_out.mtz")
+
+
 @pytest.mark.parametrize("group", GROUPS)
 def test_a_map_is_the_sum_over_all_frequencies(group: str, tmp_path: Path) -> None:
     path = mtz(tmp_path / "made.mtz", group)
