@@ -7,7 +7,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, SecondScalarReader, VolumeReader, Voxels
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, VolumeDescription
 
-PART_BYTES = 128 << 20  # a second or so of a slow disk; few volumes that are read at once need more than some
+PART_BYTES = 256 << 20  # some seconds of a slow disk; most sub-cubes have less, and are read at once
 
 
 class GivenUp(Exception):
