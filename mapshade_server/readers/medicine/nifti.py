@@ -66,7 +66,7 @@ def open_nifti(path: Path, part: str = "") -> OpenedVolume:
         scalar_type=scaled_type if scaled else voxels.dtype.name,
         unit="mm" if unit_code in MILLIMETRES_PER_UNIT else "",
         anatomical=anatomical,
-        warnings=warnings,
+        warnings=(*header.start_told, *warnings),
         kind=kind,
         kind_from=kind_from,
         **voxels.access,

@@ -13,6 +13,7 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import StoredVoxels,
 from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = (348, 348, 540)  # by the version of NIfTI, 0 for Analyze
+FIRST_VOXEL = (0, 352, 544)  # likewise: at the earliest, if voxels follow the header in one file
 LARGEST_OFFSET = 1 << 40
 _NIFTI_1 = {
     "dim": (40, "i2", 8),
@@ -73,16 +74,36 @@ class NiftiHeader:
                 self.path, f"voxels of {'NIfTI' if self.version else 'Analyze'}'s type {code}, no plain number"
             )
         dtype = np.dtype(scalar_types[code]).newbyteorder(self.order)  # type: ignore[arg-type]
+        offset = self._start() + frame * math.prod(dims) * dtype.itemsize
+        return name, one_piece(self.path, dims, dtype, offset, self._data_file())
+
+    @property
+    def start_told(self) -> tuple[str, ...]:
+        """A warning if the header has voxels begin within itself."""
+        if not self._begins_within_itself:
+            return ()
+        stated, taken = int(self.values("vox_offset")[0]), self._start()
+        return (f"its vox_offset {stated} lies within the header; voxels are read from byte {taken} on",)
+
+    def _start(self) -> int:
+        """The byte of the data file at which voxels begin. Raises BadInput if it makes no sense."""
         start = self.values("vox_offset")[0]
         if not 0 <= start <= LARGEST_OFFSET:
             raise self.wrong("vox_offset", start)
-        offset = int(start) + frame * math.prod(dims) * dtype.itemsize
-        return name, one_piece(self.path, dims, dtype, offset, self._data_file())
+        return FIRST_VOXEL[self.version] if self._begins_within_itself else int(start)
+
+    @property
+    def _begins_within_itself(self) -> bool:
+        return self._in_one_file and self.values("vox_offset")[0] < HEADER_BYTES[self.version]
+
+    @property
+    def _in_one_file(self) -> bool:
+        magic = self.raw[4:8] if self.version == 2 else self.raw[344:348]
+        return bool(self.version) and not magic.startswith(b"ni")
 
     def _data_file(self) -> Path:
         """The file with the voxels: the header's own, or the .img beside a .hdr, whether it is there or not."""
-        magic = self.raw[4:8] if self.version == 2 else self.raw[344:348]
-        if self.version and not magic.startswith(b"ni"):
+        if self._in_one_file:
             return self.path
         header = self.path.with_name(self.path.name.removesuffix(".gz"))
         image = header.with_suffix(".IMG" if header.suffix.isupper() else ".img")
