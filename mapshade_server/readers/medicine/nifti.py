@@ -1,7 +1,7 @@
 """NIfTI-1 and NIfTI-2, plain or gzip, also as .hdr and .img (nifti.nimh.nih.gov).
 
 The header is read here because SimpleITK refuses or straightens a sheared sform, and reads truncated files
-without a word. The sform counts if its code is set, else the qform, else the spacing alone.
+without a word. The sform counts if its code is set and it spans space, else the qform, else the spacing alone.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.modality import kind_beside
 from volsplat.mapshade_server.readers.medicine.nifti_header import NiftiHeader, nifti_header
-from volsplat.mapshade_server.readers.reading.grids import checked_geometry
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, geometry
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -35,6 +35,7 @@ INTENT_LABEL = 1002
 INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
 NO_SIDES = "the file states neither sform nor qform: left and right cannot be told"
 OTHER_HAND = "its sform and qform disagree on what is left and what is right; the sform is followed"
+FLAT_SFORM = "its sform spans no space; the qform is followed"
 MILLIMETRES_PER_UNIT = {1: 1000.0, 2: 1.0, 3: 0.001}
 
 
@@ -93,11 +94,25 @@ def _place(header: NiftiHeader) -> tuple[Matrix, Vector, bool, tuple[str, ...]]:
     if qform <= 0 and sform <= 0:
         di, dj, dk = _spacing(header)
         return ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)), (0.0, 0.0, 0.0), False, (NO_SIDES,)
-    matrix, origin = _sform(header) if sform > 0 else _qform(header)
-    told: tuple[str, ...] = ()
-    if qform > 0 and sform > 0 and matrices.determinant(matrix) * matrices.determinant(_qform(header)[0]) < 0:
+    flat = qform > 0 and sform > 0 and not _spans_space(*_sform(header))
+    matrix, origin = _qform(header) if sform <= 0 or flat else _sform(header)
+    told: tuple[str, ...] = (FLAT_SFORM,) if flat else ()
+    if (
+        not flat
+        and qform > 0
+        and sform > 0
+        and matrices.determinant(matrix) * matrices.determinant(_qform(header)[0]) < 0
+    ):
         told = (OTHER_HAND,)
     return matrix, origin, True, told
+
+
+def _spans_space(matrix: Matrix, origin: Vector) -> bool:
+    try:
+        geometry((1, 1, 1), matrix, origin)
+    except ValueError:
+        return False
+    return True
 
 
 def _sform(header: NiftiHeader) -> tuple[Matrix, Vector]:

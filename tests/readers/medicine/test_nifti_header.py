@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support.files.opened import described, read_whole
+from support.files.opened import described, read_whole, refused
 from support.files.volume_files import values_of, written
 
 VALUES = values_of("int16")
@@ -54,3 +54,20 @@ def test_voxels_in_a_file_of_their_own_begin_where_the_header_says(tmp_path: Pat
     (tmp_path / "v.img").write_bytes(VALUES.tobytes())
     np.testing.assert_array_equal(read_whole(tmp_path / "v.hdr"), VALUES)
     assert described(tmp_path / "v.hdr").warnings == ()
+
+
+FLAT = (1.0, 0, 0, 5, 0, 1, 0, 5, 1, 1, 0, 5)
+
+
+@pytest.mark.parametrize("srow", [(0.0,) * 12, FLAT, (float("nan"),) * 12], ids=["zeros", "flat", "NaN"])
+def test_an_sform_that_spans_no_space_gives_way_to_the_qform(srow: tuple[float, ...], tmp_path: Path) -> None:
+    changed(tmp_path / "q.nii", (1, 0))
+    changed(tmp_path / "both.nii", (1, 1), srow)
+    expected, told = described(tmp_path / "q.nii"), described(tmp_path / "both.nii")
+    assert told.geometry == expected.geometry and told.anatomical
+    assert expected.warnings == () and told.warnings == ("its sform spans no space; the qform is followed",)
+
+
+def test_an_sform_that_spans_no_space_is_refused_without_a_qform(tmp_path: Path) -> None:
+    changed(tmp_path / "v.nii", (0, 1), (0.0,) * 12)
+    assert "its spacing and directions cannot be used" in refused(tmp_path / "v.nii")
