@@ -5,8 +5,10 @@ The only file that imports both servers.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -96,8 +98,22 @@ class Superseded(Exception):
     """Another frame was drawn since; nothing is left of this one."""
 
 
+@dataclass(frozen=True)
+class _Begun:
+    """A frame that the threads draw."""
+
+    step: Step
+    request: messages.RenderFrame
+    assembly: FrameAssembly
+    at: float  # perf_counter's seconds
+    planned: float
+
+
 class SingleProcess:
-    """A volume held and drawn by this process alone: the same images as a Session's, bit for bit."""
+    """A volume held and drawn by this process alone: the same images as a Session's, bit for bit.
+
+    Any thread may call its methods. Of several that want a finished image each gets its own, one after another.
+    """
 
     def __init__(
         self,
@@ -132,9 +148,10 @@ class SingleProcess:
         self._file_voxels = FileVoxels()
         self._depths = BlockDepths()
         self._holding = VolumeHolding()
+        self._drawing = threading.RLock()  # guards what is held and which frame is the newest
         left = budgets({WORKER: available_memory()}, {WORKER: "here"})
         self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
-        self._frame = 0
+        self._frame = 0  # the newest
         self._why_level = ""
 
     @property
@@ -155,7 +172,8 @@ class SingleProcess:
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
         scene, step = checked_scene(scene), checked_step(step)
-        *_, finished = self._drawn(scene, step, partial_interval=float("inf"))
+        with self._drawing:
+            *_, finished = self._drawn(self._begun(scene, step), partial_interval=float("inf"))
         return finished
 
     def refine(
@@ -181,10 +199,12 @@ class SingleProcess:
 
         def drawn(step: Step) -> Iterator[Refinement]:
             nonlocal newest
-            if newest not in (0, self._frame):
-                raise Superseded
-            newest = self._frame + 1
-            return self._drawn(scene, step, partial_interval)
+            with self._drawing:
+                if newest not in (0, self._frame):
+                    raise Superseded
+                begun = self._begun(scene, step)
+                newest = self._frame
+            return self._drawn(begun, partial_interval)
 
         try:
             yield from refined(drawn, scene, first, last)
@@ -250,36 +270,50 @@ class SingleProcess:
         mixture = mixture_of(self._held.sub_cubes(resolution.level))
         return VoxelFields(geometry, rules, shading_rule(scene, Step.F), plan, mixture), resolution
 
-    def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
-        """Partial images of the bare buffer, then the finished one."""
-        began = shown = time.perf_counter()
-        pace = PartialPace(step, partial_interval)
-        request, assembly = self._begun(scene, step)
-        planned = time.perf_counter()
-        heard, progress_due = self._news.rung, began + PROGRESS_SECONDS
+    def _drawn(self, begun: _Begun, partial_interval: float) -> Iterator[Refinement]:
+        """Partial images of the bare buffer, then the finished one. Raises Superseded."""
+        step, assembly = begun.step, begun.assembly
+        pace, shown = PartialPace(step, partial_interval), begun.at
+        heard, progress_due = self._news.rung, begun.at + PROGRESS_SECONDS
         while not assembly.splat.complete:
+            self._check_newest(assembly)
             until_partial = shown + pace.patience - time.perf_counter()
             heard = self._news.wait(heard, min(max(until_partial, 0.0), LOOK_SECONDS))
             if (now := time.perf_counter()) >= progress_due:
                 self._say(progress_words(step, assembly.share_done))
                 progress_due = now + PROGRESS_SECONDS
             if until_partial <= 0.0:
-                if pace.shows(published := _published(assembly)):
+                if pace.shows(published := self._published(assembly)):
                     yield Refinement(step, published, None)
-                if assembly.frame != self._frame:
-                    raise Superseded
                 shown = time.perf_counter()
-        drawn = time.perf_counter()
-        image = _published(assembly)
-        servers = self._outcome(request, assembly, planned - began, drawn - began)
-        now = time.perf_counter()
-        if self._tracer is not None:
-            moments = began, planned, drawn, now
-            note_frame(self._tracer, request.frame, step, moments, assembly.note_owners)
-        yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, servers))
+        yield self._finished(begun, drawn=time.perf_counter())
 
-    def _begun(self, scene: Scene, step: Step) -> tuple[messages.RenderFrame, FrameAssembly]:
-        """Have the threads draw it, and nothing else any more. Raises BadInput."""
+    def _finished(self, begun: _Begun, drawn: float) -> Refinement:
+        """The finished image, of a frame that was drawn at that moment. Raises Superseded."""
+        step, assembly = begun.step, begun.assembly
+        with self._drawing:
+            image = self._published(assembly)
+            servers = self._outcome(begun.request, assembly, begun.planned - begun.at, drawn - begun.at)
+            now = time.perf_counter()
+            if self._tracer is not None:
+                moments = begun.at, begun.planned, drawn, now
+                note_frame(self._tracer, begun.request.frame, step, moments, assembly.note_owners)
+        return Refinement(step, image, StepOutcome(step, now - begun.at, now - drawn, servers))
+
+    def _published(self, assembly: FrameAssembly) -> PublishedImage:
+        """As it stands. Raises Superseded."""
+        with self._drawing:
+            self._check_newest(assembly)
+            return PublishedImage(assembly.published(), *assembly.plan.image_size)
+
+    def _check_newest(self, assembly: FrameAssembly) -> None:
+        """Raises Superseded if another frame was begun, since which this one goes no further."""
+        if assembly.frame != self._frame:
+            raise Superseded
+
+    def _begun(self, scene: Scene, step: Step) -> _Begun:
+        """Have the threads draw it, and nothing else any more; the lock is held. Raises BadInput."""
+        began = time.perf_counter()
         self._opened_by.check()
         self.volume.check_step(step)
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
@@ -318,7 +352,7 @@ class SingleProcess:
             walkers=None,
         )
         assembly.begin(request.regions, 0, self._news, walks=walk.walkers, traced=self._tracer is not None)
-        return request, assembly
+        return _Begun(step, request, assembly, at=began, planned=time.perf_counter())
 
     def _lit(self, request: messages.RenderFrame, scene: Scene) -> messages.RenderFrame:
         """The request with what dims its light."""
@@ -351,10 +385,11 @@ class SingleProcess:
 
     def _packed(self, scene: Scene, step: Step) -> Packing:
         """Have the packets held that the step is drawn from."""
-        packing = self._holding.wanted(scene, step)
-        while not (self._holding.holds(packing) and self._holding.settled):
-            self._carry_out(self._holding.prepare(packing))
-        return packing
+        with self._drawing:
+            packing = self._holding.wanted(scene, step)
+            while not (self._holding.holds(packing) and self._holding.settled):
+                self._carry_out(self._holding.prepare(packing))
+            return packing
 
     def _carry_out(self, instructions: list[Instruction]) -> None:
         """Do here what a session has its servers do."""
@@ -397,7 +432,3 @@ class SingleProcess:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _published(assembly: FrameAssembly) -> PublishedImage:
-    return PublishedImage(assembly.published(), *assembly.plan.image_size)

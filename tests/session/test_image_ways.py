@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -121,3 +122,28 @@ def test_on_one_machine_no_byte_of_an_image_is_sent(head: Path) -> None:
     with Session(head, workers=1) as session:
         outcome = session.finish(seen(session, 0)).outcome
         assert outcome is not None and outcome.image_bytes == 0
+
+
+def test_threads_that_ask_one_process_at_once_get_their_own_images(head: Path) -> None:
+    """Scenes that are drawn from different packets, too."""
+    with SingleProcess(head, threads=2) as shared:
+        first = shared.volume.default_scene().with_(size=60)
+        scenes = [first.with_(rotation=(40 * turn, 10), window=(0.0, 900.0 + turn % 2)) for turn in range(6)]
+        expected = [bits(shared.finish(scene)) for scene in scenes]
+        with ThreadPoolExecutor(len(scenes)) as threads:
+            asked = [threads.submit(shared.finish, scene) for _ in range(3) for scene in scenes]
+            for n, image in enumerate(asked):
+                assert (bits(image.result(PATIENCE)) == expected[n % len(scenes)]).all()
+
+
+def test_of_refinements_of_one_process_a_newer_one_ends_the_older_in_whatever_thread(head: Path) -> None:
+    with SingleProcess(head, threads=2) as shared, ThreadPoolExecutor(1) as other:
+        scene = shared.volume.default_scene().with_(size=1500)
+        older = shared.refine(scene)
+        assert next(older).step == Step.A
+        rest = other.submit(list[Refinement], older)
+        newer = list(shared.refine(scene.with_(size=40)))
+        assert [image.step for image in newer if image.complete] == [step for step in Step if step <= Step.F]
+        steps = [image.step for image in rest.result(PATIENCE)]  # as far as it came
+        assert steps == sorted(steps)
+        assert list(older) == []
