@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import random
-import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -25,8 +25,10 @@ from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.session import Session
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Image, Scene, View
+from volsplat.protocol.text.errors import BadInput
 
 GOAL_SECONDS = 0.050  # at the 95th percentile
+MOST_LATE = 100  # aborts in a row that come after their frame
 HIGH_ZOOM = 64.0  # pixels a voxel: a packet's footprint covers tens of thousands of pixels
 VIEWS = {"the whole volume": View(), f"zoom {HIGH_ZOOM:g}": View(zoom=HIGH_ZOOM)}
 
@@ -80,32 +82,40 @@ def aborts(
 def abort_times(
     session: Session, scene: Scene, count: int, whole: float, chance: random.Random, on_abort: Callable[[], None]
 ) -> list[float]:
-    """Seconds of so many aborts that came before their frame, of about `whole` seconds, was finished."""
+    """Seconds of so many aborts that came before their frame, of about `whole` seconds, was finished.
+
+    Raises what ends the session, and BadInput where frames are finished sooner than they can be aborted.
+    """
     seconds: list[float] = []
+    late = 0
     while len(seconds) < count:
         turned = msgspec.structs.replace(scene.view, rotation=tuple(chance.gauss(0, 1) for _ in range(4)))
         took = abort_seconds(session, msgspec.structs.replace(scene, view=turned), chance.uniform(0.05, 0.6) * whole)
+        late = late + 1 if took is None else 0
         if took is not None:
             seconds.append(took)
             on_abort()
+        elif late == MOST_LATE:
+            raise BadInput(
+                f"{late} frames in a row were finished before they could be aborted; draw more: a larger --image or "
+                "--phantom"
+            )
     assert session.render(scene)[..., 3].max() > 0, "after all aborts, a frame must still be drawn"
     return seconds
 
 
 def abort_seconds(session: Session, scene: Scene, delay: float) -> float | None:
-    """Seconds until an abort, asked for `delay` seconds into the frame, is acknowledged; None if it came too late."""
-    aborted = threading.Event()
+    """Seconds until an abort, asked for `delay` seconds into the frame, is acknowledged; None if it came too late.
 
-    def draw() -> None:
+    Raises what the frame ended with otherwise.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        drawing = thread.submit(session.render, scene)
+        time.sleep(delay)
+        asked = time.perf_counter()
+        session.abort()
         try:
-            session.render(scene)
+            drawing.result()
         except FrameGivenUp:
-            aborted.set()
-
-    drawing = threading.Thread(target=draw)
-    drawing.start()
-    time.sleep(delay)
-    asked = time.perf_counter()
-    session.abort()
-    drawing.join()
-    return time.perf_counter() - asked if aborted.is_set() else None
+            return time.perf_counter() - asked
+    return None

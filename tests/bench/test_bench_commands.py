@@ -4,28 +4,35 @@ import re
 import signal
 from importlib.util import find_spec
 from pathlib import Path
+from random import Random
+from typing import cast
 
 import click
 import msgspec
 import pytest
+import torch
 
 from support.files.images import read_image
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
+from volsplat.bench.commands.aborts_command import abort_times
 from volsplat.bench.commands.command import SUMMARIES, bench
 from volsplat.bench.scaling.thread_shares import THREADS_OF_PROCESS
 from volsplat.bench.tables.record import Record, read_record
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import PAPER_SECONDS, StepReport, report_of
+from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.program import extras
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.rules.refinement import PAPER_STEPS
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 
 INTERRUPTED = 130
 PHANTOM = ("--phantom", "shells:24")
@@ -54,6 +61,33 @@ def measured(person: Person, command: str, *options: str, plot: bool = False) ->
 
 needs_matplotlib = pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
 needs_vtk = pytest.mark.skipif(find_spec("vtkmodules") is None, reason="VTK is not installed")
+
+
+class Drawn:
+    """A session whose frames end at once, in an image or an error, before they can be aborted."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self._error = error
+
+    def render(self, scene: Scene) -> torch.Tensor:
+        if self._error is not None:
+            raise self._error
+        return torch.ones(1, 1, 4)
+
+    def abort(self) -> None:
+        """Too late."""
+
+
+@pytest.mark.parametrize(
+    ("session", "told"),
+    [
+        (Drawn(PeerLost("the last map/shade server is gone")), "the last map/shade server is gone"),
+        (Drawn(), r"100 frames in a row .* draw more: a larger --image or --phantom"),
+    ],
+)
+def test_aborts_that_cannot_be_timed_end_with_what_keeps_them_from_it(session: Drawn, told: str) -> None:
+    with pytest.raises(VolsplatError, match=told):
+        abort_times(cast("Session", session), preset_scene("ct-skin"), 3, 0.0, Random(1), lambda: None)
 
 
 @needs_matplotlib
