@@ -15,8 +15,8 @@ def visible_files(folder: Path) -> list[str]:
 
 
 def _is_file(one: "os.DirEntry[str]") -> bool:
-    """Links are followed; a FIFO is one, too, for whoever opens the folder to refuse."""
-    return one.is_file(follow_symlinks=False) or (os.path.exists(one) and not os.path.isdir(one))
+    """Links are followed; a FIFO and a link that leads nowhere are files, too, for whoever opens them to refuse."""
+    return one.is_file(follow_symlinks=False) or not os.path.isdir(one)
 
 
 def slice_kind(names: Collection[str]) -> tuple[str, ...]:

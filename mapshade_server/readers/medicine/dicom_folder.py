@@ -12,7 +12,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_file import (
     recognises_old,
 )
 from volsplat.mapshade_server.readers.reading.extra import library
-from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of_folder
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, leads_nowhere, mark_of_folder
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.text.errors import BadInput
 
@@ -22,15 +22,18 @@ MOST_FILES = 50_000  # that are looked at
 
 
 def images_of(folder: Path) -> list[DicomFile]:
-    """All images that a folder is for. Raises BadInput if there are none, one is damaged, or a FIFO lies there."""
+    """All images that a folder is for. Raises BadInput if there are none, one is damaged or lost, or one is a FIFO."""
     for path in folder.iterdir():
         if path.name[0] != "." and path.exists():
             check_is_file(path)
     files = list(_images(folder)) or _listed(folder)
     if not files and (mark := mark_of_folder(folder)) is not None:  # further down may lie very many files
         raise BadInput(f"{folder}: is {mark.what}, which is not read; {mark.cure}")
-    files = files or list(_further_down(folder))
+    lost = list(_lost(folder))
+    files = files or list(_further_down(folder, lost))
     if not files:
+        for path in lost:
+            check_is_file(path)
         raise BadInput(
             f"{folder}: a folder without DICOM images, and none within {DEEPEST} folders further down; give a volume "
             "file or the folder of a DICOM series"
@@ -44,9 +47,19 @@ def series_of(path: Path, uid: str) -> list[DicomFile]:
 
 
 def _images(folder: Path) -> Iterator[DicomFile]:
+    """The folder's own images. Raises BadInput if another one, likely, is a link that leads nowhere."""
+    some = False
     for path in sorted(folder.iterdir()):
         if path.is_file() and (told := _image(path)) is not None:
+            some = True
             yield told
+    for path in _lost(folder) if some else ():
+        check_is_file(path)
+
+
+def _lost(folder: Path) -> Iterator[Path]:
+    """Links that lead nowhere, but for hidden ones."""
+    return (path for path in sorted(folder.iterdir()) if path.name[0] != "." and leads_nowhere(path))
 
 
 def _image(path: Path) -> DicomFile | None:
@@ -66,8 +79,8 @@ def image_if_readable(path: Path) -> DicomFile | None:
         return None
 
 
-def _further_down(folder: Path) -> Iterator[DicomFile]:
-    """Images in the folders of a folder, and in theirs."""
+def _further_down(folder: Path, lost: list[Path]) -> Iterator[DicomFile]:
+    """Images in the folders of a folder, and in theirs; links there that lead nowhere are added to `lost`."""
     left = MOST_FILES
     waiting = [(inner, 1) for inner in _folders(folder)]
     while waiting:
@@ -79,6 +92,7 @@ def _further_down(folder: Path) -> Iterator[DicomFile]:
                 "give the folder of one study or series"
             )
         yield from _images(inner)
+        lost += _lost(inner)
         if depth < DEEPEST:
             waiting += [(one, depth + 1) for one in _folders(inner)]
 
@@ -114,12 +128,17 @@ def _references(directory: Path) -> list[list[str]]:
 
 
 def _there(folder: Path, parts: list[str]) -> Path | None:
-    """The file of these names within the folder, in any case of letters; None if it is not there."""
+    """The file of these names within the folder, in any case of letters; None if it is not there.
+
+    Raises BadInput if a FIFO or a link that leads nowhere is there instead.
+    """
     path = folder
     for part in parts:
         spelt = (part, part.lower(), part.upper())
-        found = next((path / name for name in spelt if name not in ("", ".", "..") and (path / name).exists()), None)
+        named = [path / name for name in spelt if name not in ("", ".", "..")]
+        found = next((one for one in named if one.exists() or leads_nowhere(one)), None)
         if found is None:
             return None
+        check_is_file(found)
         path = found
     return path if path.is_file() else None

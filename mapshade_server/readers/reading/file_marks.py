@@ -119,8 +119,21 @@ def told_head(head: bytes) -> str:
     return f"“{first.decode()}”" if first.isascii() and first.decode().isprintable() else head[:8].hex(" ")
 
 
+def leads_nowhere(path: Path) -> bool:
+    """Whether it is a link to what is not there, as git-annex and DataLad have them for what was not fetched."""
+    return path.is_symlink() and not path.exists()
+
+
 def check_is_file(path: Path) -> None:
-    """Raises BadInput if `path` is neither file nor folder, OSError if it is not there: a FIFO would hang."""
+    """Raises BadInput if `path` is neither file nor folder, as a FIFO, which would hang, or a link that leads nowhere.
+
+    Raises OSError if it is not there.
+    """
+    if leads_nowhere(path):
+        raise BadInput(
+            f"{path}: is a link to {path.readlink()}, which is not there; fetch it (git annex get {path.name}), or "
+            "correct the link"
+        )
     mode = path.stat().st_mode
     what = next((name for kind, name in NO_FILES if kind(mode)), "")
     if what:

@@ -9,7 +9,7 @@ from volsplat.mapshade_server.readers.zarr_arrays.web_failures import drop_left_
 
 
 def folder_store(folder: str) -> Any:
-    """The store to read from. What is asked of it raises BadInput if that is a FIFO, a socket or a device."""
+    """The store to read from. What is asked of it raises BadInput if that is a FIFO, a device or a lost link."""
     drop_left_over()  # of the reads that were under way when one was refused
     local: Any = library("zarr", f"{folder}: Zarr").storage.LocalStore
 
@@ -30,7 +30,7 @@ def folder_store(folder: str) -> Any:
 
         def _check(self, key: str) -> None:
             path = Path(folder, key)
-            if path.exists():
+            if path.exists() or path.is_symlink():  # a missing chunk is a fill value, a lost one is not
                 check_is_file(path)
 
     return FolderStore(folder, read_only=True)
