@@ -40,6 +40,10 @@ BOND_HEIGHT = 0.5  # of the lighter atom's
 BOND_TOLERANCE = 0.4  # Å beyond the radii, as is usual
 LEAST_BOND = 0.4  # Å; nearer atoms are one atom's two places
 NARROWEST = 0.7  # voxels
+MOST_PAIRS, FEW_PAIRS = (
+    512,
+    1 << 20,
+)  # an atom, twice what the largest ones in a solid have; in all, which always may be
 
 MOST_VOXELS_ASIDE = 192  # of the grid that is chosen
 FINEST_SPACING, COARSEST_SPACING = 0.2, 1.0  # Å, likewise
@@ -56,10 +60,21 @@ class Atoms:
     classes: Integers
     alternatives: Integers
 
+    @property
+    def crowded(self) -> bool:
+        """Whether so many lie so near to each other that no room would do for the pairs that may be bonds."""
+        pairs = sum(int(count.sum()) for _, count in _near_ranges(self.places, self._reach)[1])
+        return pairs > max(FEW_PAIRS, MOST_PAIRS * len(self.places))
+
+    @property
+    def _reach(self) -> float:
+        """How far apart bonded atoms are at most, Å."""
+        return 2 * float(self.radii.max()) + BOND_TOLERANCE
+
     @cached_property
     def bonds(self) -> Integers:
         """Pairs of atoms (m, 2), the lower number first, in rising order."""
-        first, second = _near_pairs(self.places, 2 * float(self.radii.max()) + BOND_TOLERANCE)
+        first, second = _near_pairs(self.places, self._reach)
         apart = self.places[first] - self.places[second]
         distance = np.sqrt((apart * apart).sum(axis=1))
         hydrogen = self.classes == CLASSES.index("H")
@@ -203,21 +218,30 @@ def _gaussian(x: Floats) -> Floats:
 
 def _near_pairs(places: Floats, distance: float) -> tuple[Integers, Integers]:
     """All pairs of places that may lie within `distance`, each once: those in the same or neighbouring cells."""
+    order, ranges = _near_ranges(places, distance)
+    firsts, seconds = [], []
+    for start, count in ranges:
+        first = np.repeat(np.arange(len(order)), count)
+        second = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(start, count)
+        firsts.append(order[first])
+        seconds.append(order[second])
+    return np.concatenate(firsts), np.concatenate(seconds)
+
+
+def _near_ranges(places: Floats, distance: float) -> tuple[Integers, list[tuple[Integers, Integers]]]:
+    """The places in the order of their cells, then for each cell around where its places begin in that order, and how
+    many there are, for each place; of its own cell those that come after it."""
     cells = np.floor((places - places.min(axis=0)) / distance).astype(np.int64) + 1
     strides = np.array([1, cells[:, 0].max() + 2, (cells[:, 0].max() + 2) * (cells[:, 1].max() + 2)])
     keys = cells @ strides
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
-    firsts, seconds = [], []
-    for offset in (0, *(int(step @ strides) for step in _FORWARD)):
-        start, stop = np.searchsorted(keys, keys + offset, "left"), np.searchsorted(keys, keys + offset, "right")
-        counts = stop - start
-        first = np.repeat(np.arange(len(keys)), counts)
-        second = np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(start, counts)
-        once = second > first if offset == 0 else np.ones(len(first), bool)
-        firsts.append(order[first[once]])
-        seconds.append(order[second[once]])
-    return np.concatenate(firsts), np.concatenate(seconds)
+    after = np.arange(1, len(keys) + 1)
+    ranges = [(after, np.searchsorted(keys, keys, "right") - after)]
+    for offset in (int(step @ strides) for step in _FORWARD):
+        start = np.searchsorted(keys, keys + offset, "left")
+        ranges.append((start, np.searchsorted(keys, keys + offset, "right") - start))
+    return order, ranges
 
 
 # The 13 of a cell's 26 neighbours that come after it; the others have it as theirs.

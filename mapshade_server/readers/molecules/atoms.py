@@ -91,6 +91,11 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
         reflections = calculated_reflections(path, structure, model, fineness, warnings)
         return open_reflections(reflections, f"{name}, {len(atoms.radii)} atoms", kind)
     geometry = _geometry(path, atoms, chosen_spacing(atoms) if fineness is None else fineness)
+    if atoms.crowded:
+        raise BadInput(
+            f"{path}: its {len(atoms.radii)} atoms lie in too few places, as where coordinates are placeholders; "
+            "give a file with coordinates"
+        )
     elements = kind == "elements"
     drawn = "by element" if elements else "as a synthetic electron density"
     description = VolumeDescription(

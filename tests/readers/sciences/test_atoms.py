@@ -15,7 +15,7 @@ import tolerances
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.molecules.atom_density import BAND, CLASSES, MOST_VOXELS_ASIDE
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 
 REAL = {  # format, atoms, waters, spacing
@@ -231,6 +231,19 @@ def part(path: Path, named: str) -> Path:
     return Path(f"{path}#{named}")
 
 
+def crowded(folder: Path, count: int = 20_000, apart: float = 0.0) -> Path:
+    """Atoms in a row; in one place if they lie 0 apart, as placeholders do."""
+    line = "ATOM  {:5d}  C   ALA A{:4d}    {:8.3f}   0.000   0.000  1.00 20.00           C  \n"
+    text = "".join(line.format(n % 100_000, n % 9999, n * apart) for n in range(count))
+    return pdb(folder, text=f"{text}END\n")
+
+
+def test_few_atoms_may_lie_in_one_place_and_many_in_a_row(tmp_path: Path) -> None:
+    for count, apart in ((1000, 0.0), (20_000, 0.02)):
+        reader = open_volume(str(crowded(tmp_path, count, apart)))
+        assert reader.read(Box((0, 0, 0), (3, 3, 3))).shape == (3, 3, 3)
+
+
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "no atoms": (lambda d: pdb(d, text="HEADER    NOTHING\nEND\n"), "has no atoms"),
     "nothing but an extension": (lambda d: pdb(d, text="no molecule\n"), "has no atoms"),
@@ -246,6 +259,8 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "two spacings": (lambda d: part(pdb(d), "density,1,2"), "then a spacing or resolution in Å, as in"),
     "no such model": (lambda d: part(pdb(d, models=2), "model=3"), "its models are 1, 2"),
     "no such choice": (lambda d: part(pdb(d), "waters=maybe"), "neither waters=keep nor waters=leave"),
+    "atoms in one place": (crowded, "20000 atoms lie in too few places"),
+    "elements in one place": (lambda d: part(crowded(d), "elements"), "20000 atoms lie in too few places"),
     "mmCIF without a coordinate": (
         lambda d: cif(d, small().make_mmcif_document().as_string().replace(" 1.45 ", " ? ")),
         "coordinates or occupancy are not numbers",
