@@ -95,6 +95,7 @@ class AskedImages:
         thinning: Thinning = ALL_VOXELS,
     ) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
+        self._coordination.check_may_wait()
         check_room_for_image(scene.image.width, scene.image.height)
         frame, answers = self._coordination.frames.ask(after)
         self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)

@@ -36,7 +36,7 @@ from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.messages.messages import EndSession, RenderFrame
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 
 log = logging.getLogger(__name__)
 
@@ -58,10 +58,13 @@ class Coordination:
         self._volume_known = threading.Event()  # set when one of these two is
         self._planned = 0  # the newest frame of which the trace has the plan
         self._another = False  # whether servers are to look for one more session at the end
+        self._has_left = False  # the servers were taken leave of
+        self._links: ServerLinks | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self, links: ServerLinks) -> None:
         """Hear what was told and will be, and send to these servers."""
+        self._links = links
         self._thread = threading.Thread(target=self._coordinate, args=(links,), name="coordinator", daemon=True)
         self._thread.start()
 
@@ -69,8 +72,23 @@ class Coordination:
         """Take leave of the servers; with `another` they look for one more session at the same address."""
         self._another = another
         self._events.put(None)
-        if self._thread is not None:
+        if self.is_here and self._links is not None:
+            self._take_leave(self._links)
+        elif self._thread is not None:
             self._thread.join()
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this is the coordinator's thread, for whose work nobody can wait on it."""
+        return threading.current_thread() is self._thread
+
+    def check_may_wait(self) -> None:
+        """Raises BadInput on the coordinator's thread."""
+        if self.is_here:
+            raise BadInput(
+                "on_progress and on_loss are called on the session's own thread, which would wait for itself; hand "
+                "this to another thread"
+            )
 
     def tell(self, event: Event) -> None:
         """What has happened, or is asked for."""
@@ -89,13 +107,16 @@ class Coordination:
     @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until every server has read its sub-cube, or the session has failed."""
-        self._volume_known.wait()
+        if not self._volume_known.is_set():
+            self.check_may_wait()
+            self._volume_known.wait()
         if self._volume is None:
             raise self._failure or PeerLost("the session is closed")
         return self._volume
 
     def ask(self, question: Callable[[int], Question]) -> Future[Found]:
-        """Where the answer will be to a question, given its number."""
+        """Where the answer will be to a question, given its number. Raises BadInput where nobody may wait for it."""
+        self.check_may_wait()
         number, answer = self._answers.ask()
         self.tell(question(number))
         return answer
@@ -113,14 +134,20 @@ class Coordination:
 
     def _coordinate(self, links: ServerLinks) -> None:
         try:
-            while (event := self._events.get()) is not None:
+            while not self._has_left and (event := self._events.get()) is not None:
                 began = time.perf_counter()
                 for instruction in self._coordinator.handle(event):
-                    self._carry_out(self._traced(instruction, began), links)
+                    if not self._has_left:  # `on_progress` or `on_loss` may have ended it
+                        self._carry_out(self._traced(instruction, began), links)
         except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
             log.exception("the session cannot go on")
             self.fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
-        links.take_leave(EndSession(another=self._another))
+        self._take_leave(links)
+
+    def _take_leave(self, links: ServerLinks) -> None:
+        if not self._has_left:
+            self._has_left = True
+            links.take_leave(EndSession(another=self._another))
 
     def _traced(self, instruction: Instruction, began: float) -> Instruction:
         """As it is, or with the wish that it be traced, where it begins a frame that was planned since a moment."""

@@ -104,7 +104,8 @@ class Session:
     servers that are started by hand must be told the same. Of each finished frame what every process did when goes into
     the file `trace`, as JSON that chrome://tracing and Perfetto load. Servers that are started here read nothing
     outside of the folder `data_root`, if given; Linux alone can hold them to it. `on_progress` gets one line for each
-    thing that takes time, `on_loss` one for each server that the session goes on without, on threads of the session.
+    thing that takes time, `on_loss` one for each server that the session goes on without, on threads of the session:
+    they may close it, but what would have to wait for it there raises BadInput.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
     Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with
@@ -161,7 +162,7 @@ class Session:
         self._has_volume = name is not None
         self._opened_by = OwnProcess()
         self._closed = False
-        self._closing = threading.Lock()  # guards _closed, until nothing is left
+        self._closing = threading.RLock()  # guards _closed, until nothing is left
 
         with self._cluster.beginning() if self._cluster is not None else nullcontext():
             self._links = ServerLinks(
@@ -376,10 +377,15 @@ class Session:
         """
         if not self._opened_by.is_here:
             return
-        with interrupts_held(on_signal=lambda: None), self._closing:
-            if not self._closed:
-                self._closed = True
-                self._close(another)
+        with interrupts_held(on_signal=lambda: None):
+            if not self._closing.acquire(blocking=not self._coordination.is_here):
+                return  # whoever closes it waits for this thread
+            try:
+                if not self._closed:
+                    self._closed = True
+                    self._close(another)
+            finally:
+                self._closing.release()
 
     def _check_has_volume(self) -> None:
         self._opened_by.check()

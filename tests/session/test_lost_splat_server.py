@@ -1,9 +1,10 @@
 """Splat servers are killed while others draw: the refinement goes on, and the next complete image has all its bits."""
 
+import queue
 import random
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 
 __all__ = ["head", "scene", "single"]
 
@@ -90,3 +92,71 @@ def test_killed_at_any_moment_the_refinement_ends_whole_and_so_does_a_script_s_f
         assert len(said) == len(lost)
         assert all("take over its part of the image" in line for line in said)
         wait_until(lambda: len(splat_processes(session)) == 4, "are others started in their place")
+
+
+def told_of_a_loss(head: Path, act: Callable[[Session], object]) -> tuple[Session, object]:
+    """A session that has lost a splat server, and what `act` returned or raised when it was told of that."""
+    done: queue.SimpleQueue[object] = queue.SimpleQueue()
+
+    def tell(loss: str) -> None:
+        try:
+            done.put(act(session))
+        except VolsplatError as error:
+            done.put(error)
+
+    session = Session(head, workers=1, splat_servers=2, threads=3, on_loss=tell)
+    session.volume  # noqa: B018  waited for
+    splat_processes(session)[0].kill()
+    return session, done.get(timeout=PATIENCE)
+
+
+def test_whoever_is_told_of_a_loss_may_close_the_session(head: Path, caplog: pytest.LogCaptureFixture) -> None:
+    processes: list[psutil.Process] = []
+
+    def close(session: Session) -> bool:
+        processes.extend(map(psutil.Process, session.server_processes))
+        session.close()
+        return any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in processes)
+
+    session, some_are_left = told_of_a_loss(head, close)
+    assert processes and not some_are_left
+    session.close()
+    with pytest.raises(PeerLost, match="the session is closed"):
+        session.render(session.default_scene())
+    assert "cannot go on" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    "wait",
+    [
+        lambda session: session.render(session.default_scene()),
+        lambda session: next(iter(session.refine(session.default_scene()))),
+        lambda session: session.probe(session.default_scene(), 1, 1),
+        lambda session: session.file_voxel((0, 0, 0)),
+    ],
+)
+def test_what_would_wait_for_the_thread_that_tells_of_a_loss_is_refused_there(
+    head: Path, single: SingleProcess, scene: Scene, wait: Callable[[Session], object]
+) -> None:
+    session, error = told_of_a_loss(head, wait)
+    with session:
+        assert isinstance(error, BadInput) and "hand this to another thread" in str(error)
+        assert torch.equal(session.render(scene), single.render(scene))
+
+
+def test_closing_from_two_threads_at_once_ends(head: Path) -> None:
+    """Also if the one waits for the other, which tells of a loss meanwhile."""
+    closing = threading.Event()
+
+    def close(session: Session) -> None:
+        def begin() -> None:
+            closing.set()
+            session.close()
+
+        threading.Thread(target=begin, daemon=True).start()
+        assert closing.wait(PATIENCE)
+        session.close()
+
+    session, error = told_of_a_loss(head, close)
+    session.close()
+    assert error is None and not any(process.is_running() for process in map(psutil.Process, session.server_processes))
