@@ -162,6 +162,7 @@ class SliceAsked:
     axis: int
     index: int
     longest: int
+    as_packed: bool = False  # in whatever window packets are held
 
 
 @dataclass(frozen=True)

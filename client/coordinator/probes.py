@@ -80,9 +80,10 @@ class Probes(OpenQuestions[Probe]):
             except ValueError as error:
                 sent += self.refused(probe.asked.probe, BadInput(str(error)))
                 continue
-            if holding.packing is None or packing.quantisation != holding.packing.quantisation:
+            held = holding.packing
+            if held is None or (packing.quantisation != held.quantisation and not _takes_any(probe)):
                 return sent + holding.prepare(packing)  # any level will do
-            ask = probe.request(holding, packing.quantisation)
+            ask = probe.request(holding, held.quantisation)
             probe.pending = set(holding.boxes)  # whose answers are waited for from now on
             sent += [Send(worker, ask) for worker in holding.boxes]
         return sent
@@ -131,3 +132,8 @@ class Probes(OpenQuestions[Probe]):
             if probe.pending is not None:
                 assert probe.pending, "a probe waits for nobody"
                 assert probe.pending <= self._holding.boxes.keys(), "a probe waits for a server that holds nothing"
+
+
+def _takes_any(probe: Probe) -> bool:
+    """Whether any packets will do, by whatever rules they were made."""
+    return isinstance(probe.asked, SliceAsked) and probe.asked.as_packed

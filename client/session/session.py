@@ -293,9 +293,11 @@ class Session:
         server holds any more is missing from it.
         Raises BadInput if the volume has no such slice, and PeerLost if nothing can be drawn any more.
         """
-        scene, across = checked_scene(scene), checked_axis(axis)
-        index, longest = checked_place(index, "index"), checked_count(longest, "longest")
-        found = self._ask_about(lambda number: SliceAsked(number, scene, across, index, longest)).result()
+        return self._slice(checked_scene(scene), axis, index, longest)
+
+    def _slice(self, scene: Scene, axis: str, index: int, longest: int, as_packed: bool = False) -> VolumeSlice:
+        across, index, longest = checked_axis(axis), checked_place(index, "index"), checked_count(longest, "longest")
+        found = self._ask_about(lambda number: SliceAsked(number, scene, across, index, longest, as_packed)).result()
         assert isinstance(found, VolumeSlice), "a slice was asked for"
         return found
 
@@ -314,10 +316,11 @@ class Session:
         """The densities of a slice across "i", "j" or "k", float32 in the data's units; NaN where there are none.
 
         The earlier of the other two axes runs along a row: across "k" it is (j, i). Values are those that pictures are
-        drawn with, of 256 steps between the ends of the density window, those of a prepared volume of the level held.
+        drawn with, of 256 steps between the ends of the density window: the one that was drawn with last, or else the
+        default scene's. Those of a prepared volume are of the level held.
         Raises BadInput if the volume has no such slice or torch is not installed, PeerLost if a part of it is gone.
         """
-        return self.read_slice(self.default_scene(), axis, index).tensor
+        return self._slice(self.default_scene(), axis, index, MOST_SAMPLES, as_packed=True).tensor
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """The voxel (i, j, k) as the volume's file has it, not as the 8 bits that it is drawn with.

@@ -95,6 +95,26 @@ def test_sessions_and_the_single_process_read_the_same_slices(head: Path, single
         session.slice("k", 0)
 
 
+def test_a_slice_s_values_are_those_that_were_drawn_with_last_and_nothing_is_packed_for_it(
+    head: Path, scene: Scene
+) -> None:
+    said: list[str] = []
+
+    def packings() -> int:
+        return sum("packets" in line for line in said)
+
+    with Session(head, workers=2, threads=3, on_progress=said.append) as session:
+        whole = session.slice("k", 18)
+        low, high = float(whole.quantile(0.3)), float(whole.quantile(0.9))
+        session.render(narrow := scene.with_(window=(low, high)))
+        packed = packings()
+        inside = session.slice("k", 18)
+        assert float(inside.min()) == pytest.approx(low) and float(inside.max()) == pytest.approx(high)
+        session.render(narrow)
+        assert packings() == packed > 0
+        assert session.read_slice(scene, "k", 18).tensor.equal(whole)  # of a scene that is given, in its window
+
+
 def test_colours_are_those_of_the_tables_over_grey(single: SingleProcess, scene: Scene) -> None:
     replace = msgspec.structs.replace
     clear = replace(scene, tables=replace(scene.tables, opac=ScalarTable(points=((0.0, 0.0),))))
