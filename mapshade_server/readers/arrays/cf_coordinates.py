@@ -16,6 +16,7 @@ _ALONG = {
     "z": "z lev level depth height altitude plev air_pressure model_level_number",
 }
 PHYSICAL_AXES = {word: letter for letter, words in _ALONG.items() for word in words.split()}
+_LONGITUDES = "lon longitude grid_longitude degrees_east degree_east degrees_e degree_e degreese degreee".split()
 _VERTICAL = {word for word, letter in PHYSICAL_AXES.items() if letter == "z" and word != "z"}
 
 
@@ -32,11 +33,15 @@ def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attribu
     axis = ArrayAxis(length, name, along=_along(name, attributes), vertical=vertical)
     if numbers is None or numbers.shape != (length,) or numbers.dtype.kind not in "iuf":
         return Coordinates(axis)
-    positions = numbers.astype(np.float64)
-    first, last = float(positions[0]), float(positions[-1])
+    unusable = Coordinates(axis, f"the coordinates of {name} are not usable; its voxels are drawn one apart")
+    if not np.isfinite(numbers).all():
+        return unusable
+    if _is_longitude(name, attributes) and not _goes_one_way(numbers):
+        numbers = _counted_on(numbers)
+    first, last = float(numbers[0]), float(numbers[-1])
     step = (last - first) / (length - 1) if length > 1 else 1.0
-    if not (np.isfinite(positions).all() and step):
-        return Coordinates(axis, f"the coordinates of {name} are not usable; its voxels are drawn one apart")
+    if not (_goes_one_way(numbers) and step):
+        return unusable
     down = text_attribute(attributes, "positive").lower() == "down"
     placed = ArrayAxis(
         length, name, _unit(attributes), first, step, axis.along or ("z" if down else ""), down, vertical
@@ -45,6 +50,23 @@ def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attribu
         return Coordinates(placed)
     apart = f"{uneven.least:.4g} to {uneven.greatest:.4g}"
     return Coordinates(placed, f"{name} is unevenly spaced ({apart}); drawn {step:.4g} apart")
+
+
+def _goes_one_way(numbers: NDArray[Any]) -> bool:
+    """Whether none falls where others rise."""
+    steps = np.diff(numbers.astype(np.float64))
+    return bool((steps >= 0).all() or (steps <= 0).all())
+
+
+def _counted_on(longitudes: NDArray[Any]) -> NDArray[Any]:
+    """Beyond 360 or 180 degrees, where they begin anew."""
+    kept = longitudes.dtype if longitudes.dtype.kind == "f" else np.float64
+    return np.unwrap(longitudes.astype(np.float64), period=360).astype(kept)
+
+
+def _is_longitude(name: str, attributes: Attributes) -> bool:
+    told = (text_attribute(attributes, "standard_name"), text_attribute(attributes, "units"), name)
+    return any(word.lower() in _LONGITUDES for word in told)
 
 
 def _along(name: str, attributes: Attributes) -> str:

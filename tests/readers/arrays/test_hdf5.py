@@ -156,12 +156,34 @@ def test_dimensions_without_coordinates_give_only_names(tmp_path: Path) -> None:
         ([0, 1, 2, np.nan, 8], "not usable"),
         ([3, 3, 3, 3, 3], "coordinates of z are not usable; its voxels are drawn one apart"),
         ([0, 1, 2, 3, np.inf], "not usable"),
+        ([0, 1, np.inf, np.inf, 3], "not usable"),
+        ([0, 1, 2, 1, 0.5], "not usable"),
+        ([350, 355, 0, 5, 10], "not usable"),
     ],
 )
 def test_uneven_coordinates_are_told(numbers: list[float], warning: str, tmp_path: Path) -> None:
     scales = {**PROJECTED, "z": (np.array(numbers, np.float64), {"units": "m"})}
     with_warning = described(netcdf(tmp_path / "v.nc", values_of("int16"), scales))
     assert any(re.search(warning, one) for one in with_warning.warnings)
+
+
+@pytest.mark.parametrize("scalar_type", ["float32", "float64", "int16"])
+@pytest.mark.parametrize(
+    "told", [("lon", {"units": "degrees_east"}), ("nav", {"standard_name": "longitude", "units": "degrees"})]
+)
+@pytest.mark.parametrize(("first", "step"), [(350, 5), (10, -5), (175, 3)])
+def test_longitudes_go_on_where_they_are_counted_anew(
+    first: int, step: int, told: tuple[str, dict[str, Any]], scalar_type: str, tmp_path: Path
+) -> None:
+    through = first + step * np.arange(7)
+    name, attributes = told
+    for turned in (through % 360, (through + 180) % 360 - 180):
+        numbers = turned.astype(scalar_type)
+        scales = {"z": (None, {}), "lat": (None, {}), name: (numbers, attributes)}
+        description = described(netcdf(tmp_path / "v.nc", values_of("int16"), scales))
+        axis = (description.axes or ())[0]
+        assert (axis.first, axis.step, axis.unit) == (float(numbers[0]), step, "deg")
+        assert not any("uneven" in one or "usable" in one for one in description.warnings)
 
 
 def test_packed_and_missing_values_are_what_cf_says(tmp_path: Path) -> None:
