@@ -4,13 +4,18 @@ import queue
 import threading
 
 from volsplat.client.coordinator.coordinator_events import EndFrame, PublishImage
+from volsplat.protocol.text.callers_lines import under_callers_lines
 from volsplat.protocol.text.errors import VolsplatError
+
+ASK_AGAIN = "ask again if it is still wanted"
 
 Answers = queue.SimpleQueue[PublishImage | EndFrame]  # to one frame's request
 
 
-class FrameGivenUp(Exception):
+class FrameGivenUp(VolsplatError):
     """The frame was aborted, by `abort` or because a newer one was asked for."""
+
+    _render_traceback_ = under_callers_lines
 
 
 class AskedFrames:
@@ -36,7 +41,7 @@ class AskedFrames:
             if self._failure is not None:
                 raise self._failure
             if after is not None and after != self._newest:
-                raise FrameGivenUp(f"what followed frame {after} was superseded")
+                raise FrameGivenUp(f"what followed frame {after} gave way to a newer frame; {ASK_AGAIN}")
             self._newest += 1
             self._answers[self._newest] = answers
             return self._newest, answers
@@ -75,4 +80,4 @@ def next_image(answers: Answers, patience: float) -> PublishImage | None:
         return None
     if isinstance(answer, PublishImage):
         return answer
-    raise answer.error or FrameGivenUp(f"frame {answer.frame} was aborted")
+    raise answer.error or FrameGivenUp(f"frame {answer.frame} was aborted, or gave way to a newer one; {ASK_AGAIN}")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from volsplat.client.script.plotting import view as view
     from volsplat.client.script.rendered_image import RenderedFigure as RenderedFigure
     from volsplat.client.script.rendered_image import RenderedImage as RenderedImage
+    from volsplat.client.session.asked_frames import FrameGivenUp as FrameGivenUp
     from volsplat.client.session.session import Session as Session
     from volsplat.client.session.session import Session as open
     from volsplat.protocol.description.scene import Scene as Scene
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 _ROOMS = {
     "BadInput": "volsplat.protocol.text.errors",
     "Figure": "volsplat.client.figure.figure",
+    "FrameGivenUp": "volsplat.client.session.asked_frames",
     "OrientationUnknown": "volsplat.client.memory.array_volume",
     "RenderedFigure": "volsplat.client.script.rendered_image",
     "RenderedImage": "volsplat.client.script.rendered_image",
@@ -58,6 +60,7 @@ __all__ = [
     "__version__",
     "BadInput",
     "Figure",
+    "FrameGivenUp",
     "OrientationUnknown",
     "RenderedFigure",
     "RenderedImage",

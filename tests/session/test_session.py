@@ -14,15 +14,17 @@ import psutil
 import pytest
 import torch
 
+import volsplat
 from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from tolerances import ROUNDING
 from volsplat.client import Session
+from volsplat.client.coordinator.coordinator_events import EndFrame
 from volsplat.client.session import asked_images
 from volsplat.client.session import single as single_process
-from volsplat.client.session.asked_frames import FrameGivenUp
+from volsplat.client.session.asked_frames import AskedFrames, next_image
 from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Step
@@ -189,8 +191,16 @@ def test_a_volume_that_cannot_be_read_is_bad_input(tmp_path: Path) -> None:
             session.volume  # noqa: B018
 
 
-def test_frame_aborted_is_no_error_of_a_person() -> None:
-    assert not issubclass(FrameGivenUp, VolsplatError)
+def test_a_frame_that_gives_way_ends_by_an_error_that_scripts_have_and_that_tells_the_cure() -> None:
+    frames = AskedFrames()
+    number, answers = frames.ask()
+    frames.supersede()
+    frames.give(EndFrame(number))
+    with pytest.raises(volsplat.FrameGivenUp, match="frame 1 .* gave way to a newer one; ask again") as aborted:
+        next_image(answers, PATIENCE)
+    with pytest.raises(volsplat.FrameGivenUp, match="gave way to a newer frame; ask again"):
+        frames.ask(after=number)
+    assert isinstance(aborted.value, VolsplatError)
 
 
 @pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
