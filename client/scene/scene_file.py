@@ -27,7 +27,7 @@ _SHOWN_VALUE = 60  # characters of a refused value that are shown
 def read_scene_file(path: Path, base: Scene) -> Scene:
     """The scene in a TOML file; what the file leaves out is taken from `base`. Raises BadInput, naming the place."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # editors on Windows begin a file with a mark
     except OSError as error:
         raise BadInput(f"{path}: cannot read the scene: {error.strerror}") from error
     except UnicodeDecodeError as error:

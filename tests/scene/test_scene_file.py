@@ -159,7 +159,9 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         read_scene_file(tmp_path / "picture.toml", BASE)
 
 
-def test_a_scene_file_is_read_from_disk(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_scene_file_is_read_from_disk(tmp_path: Path, encoding: str) -> None:
+    """Also as editors on Windows save it, with a mark before the text."""
     path = tmp_path / "scene.toml"
-    path.write_text(scene_toml(BASE), encoding="utf-8")
+    path.write_text(scene_toml(BASE), encoding=encoding)
     assert read_scene_file(path, BASE) == BASE

@@ -34,6 +34,7 @@ from volsplat.client.ui.viewing.saving import (
     image_bytes,
     scene_bytes,
     scene_from_link,
+    scene_in_file,
     scene_link,
 )
 from volsplat.protocol.description.scene import Image, Scene, Step
@@ -83,6 +84,9 @@ def test_a_figure_has_the_width_in_print_and_the_part_of_the_volume_that_the_pag
 @given(scenes())
 def test_a_saved_scene_reads_as_itself(scene: Scene) -> None:
     assert scene_from_toml(scene_bytes(scene).decode(), plain_scene(), "saved") == scene
+    marked = scene_bytes(scene).decode().encode("utf-8-sig")  # as editors on Windows save it
+    assert scene_in_file(scene_bytes(scene), plain_scene(), "a.toml") == scene
+    assert scene_in_file(marked, plain_scene(), "a.toml") == scene
 
 
 # -- links

@@ -91,7 +91,7 @@ def scene_in_file(data: bytes, base: Scene, name: str) -> Scene:
     if len(data) > _LARGEST_SCENE:
         raise BadInput(f"{printable(name)}: is larger than any scene; take one that was saved here")
     try:
-        return scene_from_toml(data.decode("utf-8"), base, printable(name))
+        return scene_from_toml(data.decode("utf-8-sig"), base, printable(name))
     except UnicodeDecodeError as error:
         raise BadInput(f"{printable(name)}: not a scene file: byte {error.start} is not UTF-8 text") from error
 
