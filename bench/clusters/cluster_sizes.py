@@ -50,14 +50,16 @@ def _by_machine(cluster: Cluster) -> list[int]:
 Drawers = MeasuredCluster | list[int]  # a cluster, or numbers of map/shade servers of this machine
 
 
-def groups_of(drawers: Drawers, volume: str, memory: int | None, say: Callable[[str], None]) -> Generator[list[Row]]:
+def groups_of(
+    drawers: Drawers, volume: str, memory: int | None, say: Callable[[str], None], like_machines: bool = False
+) -> Generator[list[Row]]:
     """Rows that take turns: all of this machine at once, a cluster's sizes one after the other.
 
     Each is there until the next is asked for, or the generator is closed. The single process comes first, if the volume
-    is seen here.
+    is seen here. `like_machines`: see opened_rows.
     """
     if not isinstance(drawers, MeasuredCluster):
-        with opened_rows(volume, drawers, say, memory) as rows:
+        with opened_rows(volume, drawers, say, memory, like_machines) as rows:
             yield rows
         return
     if Path(volume).exists():

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import click
 
-from volsplat.bench.clusters.cluster_sizes import groups_of
+from volsplat.bench.clusters.cluster_sizes import MeasuredCluster, groups_of
 from volsplat.bench.clusters.cluster_table import cluster_facts, cluster_table, links_table
 from volsplat.bench.commands.drawers import cluster_option, drawers_from_options
-from volsplat.bench.renderers import SINGLE, Row
+from volsplat.bench.renderers import SINGLE, Row, threads_of_each
 from volsplat.bench.scaling.scaling_cases import Case, Taken, frames_of
 from volsplat.bench.subject import Shares, shares, subject_of, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, machine_words, output_options
@@ -77,7 +77,7 @@ def paper(
     with (
         console.status("starting") as status,
         volume_file(subject, status.update) as path,
-        closing(groups_of(drawers, path, None, status.update)) as groups,
+        closing(groups_of(drawers, path, None, status.update, like_machines=True)) as groups,
     ):
         for rows in groups:
             status.stop()
@@ -98,7 +98,8 @@ def paper(
         "shares": str(seen_shares),
     }
     figures = [figure(f"{name}, step {step}", "s", values) for (name, step), values in seconds.items()]
-    shown_tables = [timing_table(names, figures), speed_up_table(names, figures)]
+    of_each = "" if isinstance(drawers, MeasuredCluster) else threads_words(threads_of_each(drawers))
+    shown_tables = [timing_table(names, figures, of_each), speed_up_table(names, figures, of_each)]
     if taken:
         shown_tables += [cluster_table(taken, f"{pixels[0]} x {pixels[1]}"), links_table(taken)]
         facts |= cluster_facts(taken)
@@ -127,10 +128,18 @@ def step_seconds(rows: Sequence[Row], scenes: Sequence[Scene]) -> Seconds:
     return found
 
 
-def timing_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
+def threads_words(threads: int) -> str:
+    """What servers of this machine are, in every row, for a caption that goes on."""
+    each = f"{threads} thread{'s' if threads > 1 else ''}"
+    return (
+        f" Each map/shade server has {each} in every row, as if it were a machine; the splat server may use all cores."
+    )
+
+
+def timing_table(names: Sequence[str], figures: Sequence[Figure], of_each: str) -> TextTable:
     """The paper's rows over this machine's."""
     machine = this_machine()
-    table = TextTable(f"Timing tests, seconds; here {machine_words(machine)}", ("", *_headings()), CAPTION)
+    table = TextTable(f"Timing tests, seconds; here {machine_words(machine)}", ("", *_headings()), CAPTION + of_each)
     for name, paper_seconds in PAPER_SECONDS.items():
         table.add(f"1989, {name}", *(str(value) for value in paper_seconds))
     table.add()
@@ -141,9 +150,10 @@ def timing_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
     return table
 
 
-def speed_up_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
+def speed_up_table(names: Sequence[str], figures: Sequence[Figure], of_each: str) -> TextTable:
     """How many times faster several machines were than one, and several servers here."""
-    table = TextTable("Speed-ups", ("", *_headings()), "Medians over medians. 'over' is: how many times faster than.")
+    caption = f"Medians over medians. 'over' is: how many times faster than.{of_each}"
+    table = TextTable("Speed-ups", ("", *_headings()), caption)
     for above, below in PAPER_SPEED_UPS:
         values = (b / a for a, b in zip(PAPER_SECONDS[above], PAPER_SECONDS[below], strict=True))
         table.add(f"1989, {above} over {below}", *(significant(value) for value in values))

@@ -16,8 +16,10 @@ from support.files.images import read_image
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
+from volsplat.bench import renderers
 from volsplat.bench.commands.aborts_command import abort_times
 from volsplat.bench.commands.command import SUMMARIES, bench
+from volsplat.bench.renderers import opened_rows, session_of_machines
 from volsplat.bench.scaling.thread_shares import THREADS_OF_PROCESS
 from volsplat.bench.tables.record import Record, read_record
 from volsplat.client.phantoms import make_phantom
@@ -31,6 +33,7 @@ from volsplat.program import extras
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 
@@ -90,6 +93,28 @@ def test_aborts_that_cannot_be_timed_end_with_what_keeps_them_from_it(session: D
         abort_times(cast("Session", session), preset_scene("ct-skin"), 3, 0.0, Random(1), lambda: None)
 
 
+def test_servers_that_stand_for_machines_have_as_many_threads_in_every_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or several over one would be the same cores, cut in another way."""
+    write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
+    monkeypatch.setattr(renderers, "usable_cores", lambda: 7)
+    with opened_rows(str(tmp_path / "shells.nrrd"), [1, 3], lambda text: None, like_machines=True) as rows:
+        for row in rows[1:]:
+            scene = row.renderer.volume.default_scene().with_(size=32)
+            assert row.renderer.finish(scene).complete and isinstance(row.renderer, Session)
+            threads = sorted((one.role.value, one.threads) for one in row.renderer.servers)
+            expected = [(Role.MAPSHADE_SERVER.value, 2)] * row.workers + [(Role.SPLAT_SERVER.value, 7)]
+            assert threads == sorted(expected)
+
+
+def test_a_server_that_cannot_start_ends_its_row_with_the_cause(tmp_path: Path) -> None:
+    write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
+    with pytest.raises(PeerLost, match=r"the map/shade server \(process \d+\) ended with status 2"):
+        with session_of_machines(str(tmp_path / "shells.nrrd"), 1, threads=0, say=lambda text: None):
+            pass
+
+
 @needs_matplotlib
 def test_the_paper_s_table_stands_beside_this_machine_s(person: Person) -> None:
     options = ("--size", "64x48", "--workers", "1,2", "--repeats", "2")
@@ -100,6 +125,7 @@ def test_the_paper_s_table_stands_beside_this_machine_s(person: Person) -> None:
     for machine, seconds in PAPER_SECONDS.items():
         assert f"| 1989, {machine} | {' | '.join(map(str, seconds))} |" in markdown
     assert "24 x 24 x 24 voxels" in printed and "visible" in printed
+    assert "Each map/shade server has " in markdown and "in every row, as if it were a machine" in markdown
     assert "1989, 4 Sun-3 over 1 Sun-3 | 6.67 | 2.86 | 2.57 | 4.26 | 4.11 | 4.03" in markdown
 
 
