@@ -11,7 +11,7 @@ import pytest
 
 from support.files.opened import read_whole
 from support.pages.browser import browser, browser_page, kept_as_loaded, patient_context
-from support.pages.fingers import fingers_on, pinch
+from support.pages.fingers import SAFARI_PINCH, fingers_on, pinch
 from support.pages.page_tab import after, drag, opened
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed
@@ -170,7 +170,10 @@ def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> Non
     across, begin = slice_across(page, "k"), index_of(page, "k")
     pixels = shown(page, "k")
     across.hover()
-    page.mouse.wheel(0, -100)
+    page.mouse.wheel(0, -120)  # a notch
+    until(page, lambda: index_of(page, "k") == begin + 1)
+    for _ in range(4):  # as of a touchpad
+        page.mouse.wheel(0, -13)
     until(page, lambda: index_of(page, "k") == begin + 2)
     assert shown(page, "k") != pixels
     across.focus()
@@ -181,6 +184,12 @@ def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> Non
     assert index_of(page, "k") == 27
     page.keyboard.press("PageDown")
     assert index_of(page, "k") == 17 and page.evaluate("() => window.volsplatViewport.sent.length") == sent
+
+
+def test_a_trackpads_pinch_zooms_a_slice_in_safari(page: Page) -> None:
+    across = slice_across(page, "k")
+    across.evaluate(SAFARI_PINCH, [1.5, 3.0])
+    assert across.get_attribute("data-zoom") == "3.000"
 
 
 def test_a_pointer_on_a_slice_is_told_the_files_own_value_and_shift_pointing_at_the_picture_moves_all(

@@ -1,6 +1,7 @@
 // One slice: its image, and over it the bounds, the point that all slices share, and what lies on each side. It is a slider
 // as well, whose value is the slice that it shows.
 
+import { onPixelRatio } from "../viewport/pixel_ratio.js";
 import { svg } from "../viewport/svg.js";
 import { SliceGestures } from "./slice_gestures.js";
 
@@ -10,7 +11,7 @@ const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST_ZOOM = 64;
 const KEY_ZOOM = 1.25;
 const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps with Ctrl
-const NOTCH = 50; // wheel pixels of one slice
+const NOTCH = 50; // wheel pixels of one slice of a touchpad; what comes at once of more is a wheel's own notch
 const LINE = 33; // wheel pixels of a line, if a browser counts in lines
 const FAR = 10; // slices that PageUp and PageDown step
 const AXES = "ijk";
@@ -48,6 +49,7 @@ export class SliceView {
   #shift = /** @type {Point} */ ([0, 0]); // of what is in the middle, from the grid's middle, in physical units
   #turned = 0; // wheel pixels that have not made a slice yet
   #observer = new ResizeObserver(() => this.#place());
+  #closing = new AbortController();
 
   /** @param {SliceLayout} layout @param {SliceListener} listener @param {string} name of the axis across */
   constructor(layout, listener, name) {
@@ -74,10 +76,12 @@ export class SliceView {
     this.#listen();
     this.#observer.observe(this.element);
     this.#observer.observe(this.#title);
+    onPixelRatio(() => this.#redraw(), this.#closing.signal);
   }
 
   remove() {
     this.#observer.disconnect();
+    this.#closing.abort();
     this.#image?.close();
     this.element.remove();
   }
@@ -155,10 +159,19 @@ export class SliceView {
       const zoomed = pixels * (Math.abs(pixels) < NOTCH ? PINCH : 1);
       return this.move(this.at(event), this.at(event), 2 ** (-zoomed / HALF_ZOOM));
     }
+    this.#step(this.#slicesOf(event, pixels));
+  }
+
+  /** How many slices a turn of the wheel steps: one for each notch, and of a touchpad as far as its small steps add up. */
+  #slicesOf(event, pixels) {
+    if (event.deltaMode !== WheelEvent.DOM_DELTA_PIXEL || Math.abs(pixels) >= NOTCH) {
+      this.#turned = 0;
+      return -Math.sign(pixels);
+    }
     this.#turned -= pixels;
     const slices = Math.trunc(this.#turned / NOTCH);
     this.#turned -= slices * NOTCH;
-    this.#step(slices);
+    return slices;
   }
 
   #key(event) {
@@ -198,6 +211,10 @@ export class SliceView {
     this.#shift = [Math.min(Math.max(right, -most[0]), most[0]), Math.min(Math.max(up, -most[1]), most[1])];
     this.element.dataset.zoom = zoom.toFixed(3);
     this.#place();
+    this.#redraw();
+  }
+
+  #redraw() {
     this.#draw();
     this.#listener.zoomed();
   }
