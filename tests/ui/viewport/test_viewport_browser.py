@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from support.pages.browser import browser, browser_page, patient_context, serving
-from support.pages.fingers import fingers_on, pinch
+from support.pages.fingers import SAFARI_PINCH, fingers_on, pinch
 from support.pages.viewport_process import (
     FIT,
     SIZE,
@@ -124,6 +124,13 @@ def test_the_wheel_zooms_to_the_pointer_and_settles_after_it(shown: ShownViewpor
     under = VIEW["center"][0] + 100 / PIXELS_PER_VOXEL
     still_under = view["center"][0] + 100 / (PIXELS_PER_VOXEL * view["zoom"] / VIEW["zoom"])
     assert still_under == pytest.approx(under, abs=CAMERA_PIXELS)
+
+
+def test_a_trackpads_pinch_zooms_in_safari(shown: ShownViewport) -> None:
+    shown.canvas.evaluate(SAFARI_PINCH, [1.25, 2.0])
+    view = shown.process.wait_for_settled()
+    assert view["zoom"] == pytest.approx(2 * VIEW["zoom"], rel=ROUNDING)
+    assert view["center"] == pytest.approx(VIEW["center"], abs=CAMERA_PIXELS)
 
 
 @pytest.mark.parametrize("moved", [0, 2])
@@ -270,6 +277,21 @@ def test_undo_and_redo_are_asked_for(shown: ShownViewport) -> None:
     shown.page.keyboard.press("Control+Shift+z")
     shown.process.wait_for("redo")
     assert shown.process.heard_of("view") == []
+
+
+def test_keys_without_latin_letters_do_what_those_in_their_place_do(shown: ShownViewport) -> None:
+    pressed = """(canvas, [key, code, ctrlKey]) => {
+        const event = new KeyboardEvent("keydown", { key, code, ctrlKey, bubbles: true, cancelable: true });
+        if (canvas.dispatchEvent(event)) throw new Error(`${key} is left to the browser`);
+    }"""
+    for key, code in (("я", "KeyZ"), ("Я", "KeyZ")):
+        shown.canvas.evaluate(pressed, [key, code, True])
+    shown.process.wait_for("undo", 2)
+    shown.canvas.evaluate(pressed, ["х", "BracketLeft", False])
+    turned = shown.process.wait_for_settled()
+    assert turned["rotation"] != pytest.approx(VIEW["rotation"], abs=ROUNDING)
+    shown.canvas.evaluate(pressed, ["а", "KeyF", False])
+    assert shown.wait_for_the_last_to_settle()["zoom"] == FIT["zoom"]
 
 
 def test_the_list_of_keys_opens_and_closes(shown: ShownViewport) -> None:

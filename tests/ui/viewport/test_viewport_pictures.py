@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from support.pages.browser import browser, browser_page, patient_context, serving
+from support.pages.fingers import on_finer_screen
 from support.pages.viewport_process import (
     SIZE,
     VIEW,
@@ -91,6 +92,12 @@ def test_a_damaged_picture_is_told_of_and_acknowledged(shown: ShownViewport) -> 
     shown.show_and_wait(b"no picture")
     expect(shown.page.get_by_role("status")).to_contain_text("arrived damaged")
     assert shown.colour_at(0, 0) == RED
+
+
+def test_on_a_screen_of_finer_pixels_more_of_them_are_asked_for(shown: ShownViewport) -> None:
+    with on_finer_screen(shown.page):
+        size = shown.process.wait_for("size")
+    assert (size["width"], size["height"]) == (2 * SIZE[0], 2 * SIZE[1])
 
 
 def test_the_size_of_the_element_is_asked_for_once_it_rests(shown: ShownViewport) -> None:

@@ -1,6 +1,8 @@
 // @ts-check
 // A small ball that a light is dragged on: shaded as the light falls on it, with a dot where the light stands.
 
+import { onPixelRatio } from "../viewport/pixel_ratio.js";
+
 /** @typedef {[number, number, number]} Direction along the screen's axes: x right, y up, z towards the viewer */
 
 const DOT_RADIUS = 5; // CSS pixels
@@ -55,6 +57,7 @@ export class LightBall {
     canvas.addEventListener("keydown", (event) => this.press(event), options);
     this.resized = new ResizeObserver(() => this.draw());
     this.resized.observe(canvas);
+    onPixelRatio(() => this.draw(), this.listeners.signal);
     this.themed = new MutationObserver(() => this.draw());
     this.themed.observe(document.body, { attributeFilter: ["class"] });
   }

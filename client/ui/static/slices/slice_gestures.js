@@ -4,6 +4,7 @@
 //   one finger does as a drag · two zoom and pan
 
 import { middleOf, spanOf } from "../viewport/camera.js";
+import { onTrackpadPinch } from "../viewport/trackpad_pinch.js";
 
 /** @typedef {import("../viewport/camera.js").Point} Point */
 /** @typedef {import("../viewport/rotation.js").Vector} Vector */
@@ -30,6 +31,7 @@ export class SliceGestures {
       element.addEventListener(end, (event) => this.#end(event, false));
     }
     element.addEventListener("pointerleave", () => listener.hover(null));
+    onTrackpadPinch(element, (event, factor) => this.#down.size === 0 && view.move(view.at(event), view.at(event), factor));
   }
 
   #begin(event) {

@@ -4,6 +4,7 @@
 //   one finger turns · two zoom and pan
 
 import { panned, pinched, rolled, turned, zoomed } from "./camera.js";
+import { onTrackpadPinch } from "./trackpad_pinch.js";
 
 const CLICK = 3; // CSS pixels: what moves less is a click
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
@@ -36,6 +37,7 @@ export class Gestures {
     element.addEventListener("contextmenu", (event) => event.preventDefault());
     // The wheel zooms over the handles too.
     viewport.element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    onTrackpadPinch(viewport.element, (event, factor) => this.#zoom(event, factor));
   }
 
   #down(event) {
@@ -108,11 +110,16 @@ export class Gestures {
   #wheel(event) {
     if (event.target.closest(".vs-help")) return; // which scrolls
     event.preventDefault();
-    if (!this.#viewport.ready || this.#fingers.size > 0) return;
-    const { steering, view, grid, size } = this.#viewport;
     const unit = (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1) * (event.ctrlKey ? PINCH : 1);
     const pixels = Math.min(MOST, Math.max(-MOST, event.deltaY * unit));
-    const factor = this.#viewport.zoomFactor(view, 2 ** (-pixels / HALF_ZOOM));
+    this.#zoom(event, 2 ** (-pixels / HALF_ZOOM));
+  }
+
+  /** About the pointer, unless fingers are at it. */
+  #zoom(event, wanted) {
+    if (!this.#viewport.ready || this.#fingers.size > 0) return;
+    const { steering, view, grid, size } = this.#viewport;
+    const factor = this.#viewport.zoomFactor(view, wanted);
     steering.nudge(zoomed(view, grid, size, this.#viewport.pointAt(event), factor), event.timeStamp);
   }
 }

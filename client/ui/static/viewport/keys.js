@@ -8,6 +8,9 @@ const ZOOM = 1.25;
 
 /** @typedef {import("./viewport.js").Viewport} Viewport */
 
+/** Keys that have no letter, where they lie on a US keyboard. @type {Record<string, string>} */
+const BY_PLACE = { Equal: "=", Minus: "-", BracketLeft: "[", BracketRight: "]" };
+
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** Keys without Ctrl; their names tell of Shift. @type {Record<string, (viewport: Viewport) => void>} */
@@ -77,9 +80,16 @@ export function isFree(event, element) {
   return !(event.key in ARROWS) || target === document.body;
 }
 
+/** The key by what is on it; where that is no letter of ours, as on a Cyrillic keyboard, by where it lies. @param {KeyboardEvent} event */
+function keyOf({ key, code }) {
+  if (key.length !== 1) return key;
+  if (key <= "~") return key.toLowerCase();
+  return /^(?:Key|Digit)(.)$/.exec(code)?.[1].toLowerCase() ?? BY_PLACE[code] ?? key;
+}
+
 /** Do what a key says. Returns whether it says anything. @param {KeyboardEvent} event @param {Viewport} viewport */
 export function obeyKey(event, viewport) {
-  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const key = keyOf(event);
   if (event.altKey) return false;
   if (event.ctrlKey || event.metaKey) {
     if (key === "z") event.shiftKey ? viewport.redo() : viewport.undo();

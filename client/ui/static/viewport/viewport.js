@@ -10,6 +10,7 @@ import { Outbox, remember } from "./outbox.js";
 import { PictureAlone } from "./picture_alone.js";
 import { pictureButtons } from "./picture_buttons.js";
 import { PictureCanvas } from "./picture_canvas.js";
+import { onPixelRatio } from "./pixel_ratio.js";
 import { namedView } from "./rotation.js";
 import { Steering } from "./steering.js";
 import { TroubleBar } from "./trouble_bar.js";
@@ -110,6 +111,7 @@ export class Viewport {
     this.alone = wholePage ? new PictureAlone(signal) : null;
     (wholePage ? document : this.element).addEventListener("keydown", (event) => this.#onKey(event), { signal });
     this.#observer.observe(this.element);
+    onPixelRatio(() => this.#onResize(), signal);
     transport.onstate((state) => this.#onState(state));
     transport.onmessage((message) => this.#onMessage(message));
     transport.onpicture((header, bytes) => this.#pictures.show(header, bytes));
