@@ -314,6 +314,10 @@ class SlabTable:
         """Raises ValueError for numbers that make no table. `wide`: for sums of 64 bits."""
 
     @property
+    def pixel_bytes(self) -> int:
+        """What the sums of all planes take of one pixel."""
+
+    @property
     def width(self) -> int: ...
     @property
     def height(self) -> int: ...

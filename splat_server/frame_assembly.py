@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 from volsplat.program.frame_spans import FrameSpans, clock
 from volsplat.program.peak_memory import peak_memory
-from volsplat.program.room_for_image import check_room_for_image
+from volsplat.program.room_for_image import check_room_for_image, check_room_for_slabs
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Order
 from volsplat.protocol.messages import messages
@@ -42,7 +42,7 @@ class FrameAssembly:
         self.frame = frame
         self._owners = owners
         reach: PixelReach | _kernels.Slabs
-        reach, self.pixels_per_packet = slabs or reach_and_cost(plan, owners.threads)
+        reach, self.pixels_per_packet, self._pixel_bytes = slabs or (*reach_and_cost(plan, owners.threads), 0)
         self._reach = reach
         self._edges = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         self._begun: SplatFrame | None = None
@@ -76,9 +76,12 @@ class FrameAssembly:
         `news` rings once the frame is complete or has failed, or has gone on since it was last asked how far it is;
         `all_wait` when all regions wait for something to be pushed. The image is published in `block`, of
         `published_bytes`, or in memory of its own. `traced`: see `note_owners`.
+
+        Raises BadInput for slabs that there is no room for.
         """
         plan = self.plan
-        self.lines = regions[0].begin, regions[-1].end
+        self.lines = begin, end = regions[0].begin, regions[-1].end
+        check_room_for_slabs(plan.width, end - begin, self._pixel_bytes)
         self._begun = self._owners.begin(
             regions=[(region.begin, region.end) for region in regions],
             reach=self._reach,

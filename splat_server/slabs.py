@@ -26,6 +26,7 @@ LEAST_NARROW_GAIN = 0.25
 class Slabs(NamedTuple):
     kernel: _kernels.Slabs
     pixels_per_packet: int  # that are added to at most
+    pixel_bytes: int  # that a pixel of a region takes while it is drawn
 
 
 def slabs_of(request: RenderFrame) -> Slabs | None:
@@ -62,7 +63,8 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
         plane=_plane(request.shading.patches) if request.shading.patches else None,
     )
     slices = 2 * slabs.before + 2
-    return Slabs(kernel, slices * min(table.width, plan.width) * min(table.height, plan.height))
+    pixels_per_packet = slices * min(table.width, plan.width) * min(table.height, plan.height)
+    return Slabs(kernel, pixels_per_packet, table.pixel_bytes)
 
 
 @lru_cache(maxsize=2)

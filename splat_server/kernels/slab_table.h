@@ -25,6 +25,9 @@ public:
 
     SlabTableView view() const;
     bool wide() const { return wide_; }
+    std::size_t sum_bytes() const { return wide_ ? sizeof(std::uint64_t) : sizeof(std::uint32_t); }
+    // What the sums of all planes take of one pixel.
+    std::size_t pixel_bytes() const { return planes() * sum_bytes(); }
     // From a group's first one on, that are added to with its voxels; whole blocks.
     int planes() const;
     // Pixels of the box around a voxel.

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import psutil
 import pytest
 
 from volsplat.client.memory.array_volume import Volume
@@ -41,3 +42,27 @@ def test_an_image_too_large_is_refused_and_the_next_one_drawn(meminfo: Path) -> 
         leave(meminfo, 0)
         assert single.render(large, Step.A).equal(image), "what is held need not be found again"
         assert single.render(small).equal(expected)
+
+
+def test_planes_of_slabs_that_are_too_large_are_refused_and_the_next_image_drawn(meminfo: Path) -> None:
+    """They take several times what the image does, and are let go once it is drawn."""
+    leave(meminfo, 1 << 40)
+    with SingleProcess(Volume(make_phantom("shells", size=(8, 8, 8))[0], spacing=(1.0, 1.0, 1.0))) as single:
+        scene = single.volume.default_scene().with_(size=(SIDE, SIDE))
+        image = single.render(scene, Step.A)
+        leave(meminfo, NEEDED // 2)
+        with pytest.raises(
+            BadInput, match=r"^no memory for step G's planes of 2048 x 2048 pixels: it needs .* step F$"
+        ):
+            single.render(scene, Step.G)
+        assert single.render(scene, Step.A).equal(image)
+
+
+def test_planes_of_slabs_are_let_go_once_the_image_is_drawn() -> None:
+    with SingleProcess(Volume(make_phantom("shells", size=(32, 32, 32))[0], spacing=(1.0, 1.0, 1.0))) as single:
+        scene = single.volume.default_scene().with_(size=(SIDE, SIDE))
+        single.render(scene, Step.F)
+        before = psutil.Process().memory_info().rss
+        single.render(scene, Step.G)
+        planes = 60 * SIDE**2  # bytes, of float sums alone
+        assert psutil.Process().memory_info().rss - before < planes / 3

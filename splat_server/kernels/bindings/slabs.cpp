@@ -112,7 +112,9 @@ void bind_slabs(nb::module_& m) {
             [](SlabTable* self, const KernelProjection& kernel, double amplitude, const Matrix3& form,
                const Vector3& half_extents, int offset_bits,
                bool wide) { new (self) SlabTable(kernel, {amplitude, form, half_extents}, offset_bits, wide); },
-            "kernel"_a, "amplitude"_a, "form"_a, "half_extents"_a, "offset_bits"_a, "wide"_a)
+            "kernel"_a, "amplitude"_a, "form"_a, "half_extents"_a, "offset_bits"_a, "wide"_a,
+            nb::call_guard<nb::gil_scoped_release>())
+        .def_prop_ro("pixel_bytes", &SlabTable::pixel_bytes)
         .def_prop_ro("width", &SlabTable::width)
         .def_prop_ro("height", &SlabTable::height);
     nb::class_<SlabScene>(m, "SlabScene")
@@ -142,7 +144,9 @@ void bind_slabs(nb::module_& m) {
                const std::vector<std::pair<Vector3, double>>& steps) {
                 std::vector<LightStep> all;
                 for (const auto& [step, length] : steps) all.push_back({step, length});
-                new (self) PassedLight(depths_of(depths), unit, dims, all);
+                const std::vector<std::uint16_t> of_blocks = depths_of(depths);
+                const nb::gil_scoped_release unlocked;
+                new (self) PassedLight(of_blocks, unit, dims, all);
             },
             "depths"_a, "unit"_a, "dims"_a, "steps"_a)
         .def(

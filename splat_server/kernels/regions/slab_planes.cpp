@@ -28,7 +28,7 @@ SlabPlanes::SlabPlanes(const SlabFrame& frame, const SplatJob& job)
       row_end_(job.row_end),
       work_(job.work),
       groups_((frame.planes - 1 + frame.lead) / kGroupPlanes + 1),
-      number_bytes_(frame.table->wide() ? sizeof(std::uint64_t) : sizeof(std::uint32_t)) {}
+      number_bytes_(frame.table->sum_bytes()) {}
 
 // Where nothing comes no memory is touched.
 void SlabPlanes::make_room() {
@@ -123,6 +123,15 @@ void SlabPlanes::finish() {
     add_group();
     clock_.lap(seconds_.adding);
     shade_before((frame_.planes - 1 + frame_.lead) / kBlockPlanes + 1);
+    let_go();
+}
+
+// Several times what the image takes, and the next frame may be hours away.
+void SlabPlanes::let_go() {
+    memory_.reset();
+    std::vector<float>().swap(last_plane_);
+    std::vector<SlabVoxel>().swap(voxels_);
+    std::vector<SlabVoxel>().swap(sorted_);
 }
 
 void SlabPlanes::shade_before(std::int64_t block) {

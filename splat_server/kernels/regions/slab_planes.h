@@ -29,7 +29,7 @@ public:
 
     // Voxels by rising groups. Returns how many were left out as hidden. Throws std::bad_alloc.
     std::uint64_t add(const SpanView* spans, std::size_t count);
-    // Nothing comes any more: shades what is left.
+    // Nothing comes any more: shades what is left, and gives its memory back.
     void finish();
     // So far.
     SlabSeconds seconds() const;
@@ -53,6 +53,7 @@ private:
     };
 
     void make_room();
+    void let_go();
     std::uint64_t add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end, const unsigned char* packets);
     void add_group();
     void shade_before(std::int64_t block);
