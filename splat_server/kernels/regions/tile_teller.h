@@ -1,6 +1,7 @@
 // Tells a map/shade server of this machine which tiles are closed.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -18,13 +19,14 @@ public:
 
     // From now on those of this frame; of none without one.
     void begin(std::int64_t frame, const std::shared_ptr<SplatFrame>& of);
-    // Those that are closed now.
+    // Those that are closed now, but of a large map no more often than that pays.
     void tell();
 
 private:
     const std::shared_ptr<ChannelMemory> memory_;
     std::mutex mutex_;                 // guards what follows, and what is told
     std::weak_ptr<SplatFrame> frame_;  // which may hold whoever tells
+    std::chrono::steady_clock::time_point next_;
 };
 
 }  // namespace volsplat
