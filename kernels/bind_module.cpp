@@ -3,6 +3,8 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <system_error>
+
 #include "kernels/constants.h"
 #include "kernels/cpu_path.h"
 
@@ -13,10 +15,19 @@ using namespace nb::literals;
 
 namespace {
 
+constexpr const char* kNoThread =
+    "the system has no thread left to give: raise the limit of processes (ulimit -u, or the container's), or give "
+    "fewer --threads";
+
 nb::dict constants() {
     nb::dict numbers;
     for (const auto& [name, value] : kConstants) numbers[name] = value;
     return numbers;
+}
+
+// Of volsplat's own exceptions.
+void raise(const char* kind, const char* line) {
+    PyErr_SetString(nb::module_::import_("volsplat.protocol.text.errors").attr(kind).ptr(), line);
 }
 
 }  // namespace
@@ -28,7 +39,10 @@ void bind_module(nb::module_& m) {
         try {
             std::rethrow_exception(raised);
         } catch (const BadCpuPath& error) {
-            PyErr_SetString(nb::module_::import_("volsplat.protocol.text.errors").attr("BadInput").ptr(), error.what());
+            raise("BadInput", error.what());
+        } catch (const std::system_error& error) {
+            if (error.code() != std::errc::resource_unavailable_try_again) throw;
+            raise("NoThread", kNoThread);
         }
     });
     m.def("constants", &constants);

@@ -29,6 +29,10 @@ class TooEarly(VolsplatError):
     """A peer came before it was told of, or too late; the connection is closed without a word, and it dials again."""
 
 
+class NoThread(VolsplatError, RuntimeError):
+    """The system gives this process no further thread: the RuntimeError that Python raises for it, with the cure."""
+
+
 class PeerLost(VolsplatError):
     """A server that a frame needs is gone."""
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <exception>
 #include <mutex>
 #include <numeric>
 #include <stdexcept>
@@ -102,8 +103,9 @@ void FootprintTable::fill(const FootprintBox& box, const Ellipse& ellipse, int t
     spans_.assign(height_, {width_, 0});
     const std::size_t in_row = box.offsets * box.weights;
     std::atomic<int> next{0};
-    std::mutex joining;
-    const auto work = [&] {
+    std::mutex joining;  // guards what is found, and the first failure
+    std::exception_ptr failure;
+    const auto fill_some = [&] {
         for (int fy = next++; fy < box.offsets; fy = next++) {
             const float top = static_cast<float>(start_y_.at[fy]) - static_cast<float>(fy) / box.offsets;
             fill_row(box, ellipse, top, weights() + fy * in_row);
@@ -113,10 +115,21 @@ void FootprintTable::fill(const FootprintBox& box, const Ellipse& ellipse, int t
                 spans_[y] = {std::min(spans_[y].begin, reached[y].begin), std::max(spans_[y].end, reached[y].end)};
         }
     };
-    std::vector<std::jthread> helpers;
-    const auto worth = static_cast<int>(weight_count_ / kWeightsWorthAThread);
-    for (int n = 1; n < std::min({threads, box.offsets, worth}); ++n) helpers.emplace_back(work);
-    work();
+    const auto work = [&] {
+        try {
+            fill_some();
+        } catch (...) {
+            const std::lock_guard locked(joining);
+            if (!failure) failure = std::current_exception();
+        }
+    };
+    {
+        std::vector<std::jthread> helpers;
+        const auto worth = static_cast<int>(weight_count_ / kWeightsWorthAThread);
+        for (int n = 1; n < std::min({threads, box.offsets, worth}); ++n) helpers.emplace_back(work);
+        work();
+    }
+    if (failure) std::rethrow_exception(failure);
 }
 
 void FootprintTable::fill_row(const FootprintBox& box, const Ellipse& ellipse, float top, float* row) const {

@@ -20,6 +20,7 @@ from support.scenes.row_runs import Dot, Run, mirrored
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES
+from volsplat.protocol.text.errors import NoThread
 from volsplat.splat_server._kernels import BatchMemory, Bell, EdgeLayer, Ellipse, FootprintTable, Owners, ReadBudget
 from volsplat.splat_server.footprint_table import kernel_projection
 
@@ -288,7 +289,7 @@ def test_closing_twice_does_no_harm() -> None:
 def test_threads_that_cannot_be_started_are_told_of() -> None:
     with owners(100000) as made:
         made.clear(*SMALL, False)
-        with little_memory(64 << 20), pytest.raises(RuntimeError):
+        with little_memory(64 << 20), pytest.raises(NoThread, match="ulimit -u"):
             Drawing.begun(made, SMALL, None, regions=[(0, 0)] * 99999 + [(0, 5)])
 
 
