@@ -13,7 +13,7 @@ from starlette.routing import Route
 
 from support.pages import patient_http
 from support.pages.browser import browser, patient_context, serving
-from support.pages.viewed import Viewed, viewed
+from support.pages.viewed import FIRST, Viewed, viewed
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.application import LARGEST_FORM
@@ -102,6 +102,16 @@ def test_another_port_leads_to_no_scene(view: Viewed, elsewhere: Page) -> None:
         elsewhere.evaluate("(url) => { location.href = url; }", f"http://127.0.0.1:{view.port}/?scene=abc")
     assert "another page asked for this" in elsewhere.inner_text("body")
     elsewhere.goto(f"http://127.0.0.1:{view.port}/")  # the person does it
+    elsewhere.wait_for_function(SHOWN)
+
+
+def test_a_link_to_a_scene_in_a_chat_is_opened_by_one_more_click(view: Viewed, elsewhere: Page) -> None:
+    # Another name of this host is another site, to which a browser gives no strict cookie.
+    elsewhere.goto(elsewhere.url.replace("127.0.0.1", "localhost"))
+    with elsewhere.expect_navigation():
+        elsewhere.evaluate("(url) => { location.href = url; }", f"http://127.0.0.1:{view.port}/?scene={FIRST}")
+    assert "another page asked for this; open the address yourself" in elsewhere.inner_text("body")
+    elsewhere.get_by_role("link", name="open it").click()
     elsewhere.wait_for_function(SHOWN)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -212,6 +213,18 @@ def test_another_page_embeds_nothing_and_leads_to_no_scene(guarded: Guarded, sit
     assert refused(guarded.ask(path="/?scene=abc", sec_fetch_site=site))
     assert guarded.ask(path="/?scene=abc", sec_fetch_site="none").text.startswith("secret")
     assert guarded.ask(path="/?scene=abc", sec_fetch_site="same-origin").text.startswith("secret")
+
+
+@pytest.mark.parametrize("path", ["/?scene=abc", "//evil.example/?scene=abc", '/"><script>x</script>?scene=a"b'])
+def test_a_link_that_was_followed_from_elsewhere_waits_for_the_person_on_this_host(guarded: Guarded, path: str) -> None:
+    navigation = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
+    for cookie in ({}, {"Cookie": guarded.cookie()}):
+        answer = patient_http.get(f"{guarded.base}{path}", headers=navigation | cookie)
+        assert (
+            answer.status_code == 403 and "another page asked for this" in answer.text and "secret" not in answer.text
+        )
+        (link,) = re.findall('href="([^"]*)"', answer.text)
+        assert re.match("/(?!/)", link) and "<script" not in answer.text
 
 
 def test_sockets_open_with_the_cookie_and_for_this_page_alone(guarded: Guarded) -> None:

@@ -68,6 +68,12 @@ class Asked:
         """Another site's page, or another port's, has asked for it, as the browser says."""
         return any(value in _FROM_ELSEWHERE for value in self.values("sec-fetch-site"))
 
+    @property
+    def is_followed_link(self) -> bool:
+        """A whole tab is to show the answer, and somebody else has led there."""
+        whole_tab = self.values("sec-fetch-mode") == ["navigate"] and self.values("sec-fetch-dest") == ["document"]
+        return self.method == "GET" and not self.is_socket and self.from_elsewhere and whole_tab
+
 
 @dataclass(frozen=True)
 class Admitted:
@@ -91,8 +97,11 @@ class Welcomed:
 
 @dataclass(frozen=True)
 class Refused:
+    """`instead`: what the person may go on to by a click, on this very host."""
+
     status: int
     reason: str
+    instead: str = ""
 
 
 class Admission:
@@ -131,6 +140,8 @@ class Admission:
                 f"{cookie}={self._cookie}; HttpOnly; Path={place.prefix}/; SameSite=strict{_only_encrypted(place)}",
                 once or asked.from_elsewhere,
             )
+        if asked.is_followed_link:  # without the strict cookie, whoever it is
+            return Refused(403, _ANOTHER_PAGE, _without_token(asked, place))
         if not any(_same(value, self._cookie) for value in asked.cookies(cookie)):
             return Refused(403, _TOKEN)
         if asked.from_elsewhere:

@@ -7,7 +7,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from volsplat.client.ui.doors.admission import Admission, Admitted, Asked, Refused, Welcomed
-from volsplat.client.ui.doors.leading_page import leading_page
+from volsplat.client.ui.doors.leading_page import asking_page, leading_page
 
 _TOO_LARGE = "volsplat: this is more than the page takes\n"
 
@@ -66,7 +66,10 @@ def _asked(scope: Scope) -> Asked:
 
 
 def _refusal(verdict: Refused) -> Response:
-    return PlainTextResponse(f"volsplat: {verdict.reason}\n", verdict.status)
+    line = f"volsplat: {verdict.reason}"
+    if verdict.instead:
+        return HTMLResponse(asking_page(line, verdict.instead), verdict.status)
+    return PlainTextResponse(f"{line}\n", verdict.status)
 
 
 def _welcome(verdict: Welcomed) -> Response:
