@@ -7,6 +7,7 @@ their coordinate arrays. Other arrays are named by their path.
 import base64
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from volsplat.mapshade_server.readers.zarr_arrays import zarr_place
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Json, level_axes
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import at_most, check_codecs
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import fetched_files, files_of_arrays
-from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, one_line_errors
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, ZarrPlace, one_line_errors
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_search import FoundArray, found_array
 from volsplat.protocol.text.errors import BadInput
 
@@ -139,20 +140,39 @@ def _coordinates(found: FoundArray) -> list[Coordinates]:
     names = getattr(array.metadata, "dimension_names", None) or array.attrs.get("_ARRAY_DIMENSIONS")
     if not isinstance(names, list | tuple) or len(names) != len(array.shape):
         names = [None] * len(array.shape)
+    beside = _nodes_beside(found)
     return [
-        _coordinate(found, length, name if isinstance(name, str) else "")
+        _coordinate(found, beside, length, name if isinstance(name, str) else "")
         for length, name in zip(array.shape, names, strict=True)
     ]
 
 
-def _coordinate(found: FoundArray, length: int, name: str) -> Coordinates:
-    group, _, own_name = found.part.path.rpartition("/")
-    beside: Any = found.place.node(f"{group}/{name}") if name and own_name else None
+def _coordinate(found: FoundArray, nodes: Callable[[str], Any], length: int, name: str) -> Coordinates:
+    beside: Any = nodes(name) if name else None
     if found.place.is_array(beside) and beside.shape == (length,):
         check_codecs(found.part.whole, beside)
         with at_most(beside.nbytes):
             return coordinates_of(length, name, np.asarray(beside[:]), dict(beside.attrs))
     return coordinates_of(length, name, None, {})
+
+
+def _nodes_beside(found: FoundArray) -> Callable[[str], Any]:
+    """What opens arrays in the group that holds the array, also if the array's own folder is the place."""
+    place = found.place
+    group, _, own_name = found.part.path.rpartition("/")
+    if own_name:
+        return lambda name: place.node(f"{group}/{name}")
+    above, _, last = place.name.rpartition("/")
+    if place.above is None or not above or not last or above.endswith("/"):
+        return lambda name: None
+    return partial(_node_above, place.above, above)
+
+
+def _node_above(opened: Callable[[str], ZarrPlace], above: str, name: str) -> Any:
+    try:
+        return opened(above).node(name)
+    except Exception:  # whatever: what is above need not be Zarr, nor be open to this person
+        return None
 
 
 def _fill_value(array: Any, attributes: Json) -> dict[str, Any]:

@@ -215,6 +215,19 @@ def test_arrays_of_xarray_are_placed_and_unpacked(version: int, tmp_path: Path) 
     assert (description.unit, description.value_unit, description.density_name) == ("m", "K", "warmth")
     expected = np.where(stored == 3, np.nan, stored * np.float32(0.5))
     np.testing.assert_array_equal(read_whole(tmp_path / "v.zarr"), expected)
+    for name in (f"{tmp_path}/v.zarr/data", f"file://{tmp_path}/v.zarr/data"):
+        by_itself = described(name)
+        assert (by_itself.geometry, by_itself.unit) == (description.geometry, "m")
+    with served(tmp_path) as web:
+        assert described(f"{web.url}/v.zarr/data").geometry == description.geometry
+
+
+def test_an_array_of_xarray_without_its_group_is_read_without_coordinates(tmp_path: Path) -> None:
+    (tmp_path / "z").write_text("no array")
+    path = array(tmp_path / "data", cube(4), dimension_names=["z", "y", "x"])
+    with served(tmp_path) as web:
+        for name in (str(path), f"{web.url}/data"):
+            assert described(name).geometry.spacing == (1, 1, 1) and described(name).unit == ""
 
 
 def test_fill_values_of_floats_are_in_base64(tmp_path: Path) -> None:
