@@ -21,6 +21,7 @@ from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
 
 GAP_TOLERANCE = 0.02  # of the usual distance of slices; scanners round positions to a few decimals
+SAME_PLACE = 1e-3  # of the greatest distance of slices
 ORIENTATION_TOLERANCE = 1e-3  # of a direction cosine
 BESIDE_TOLERANCE = 0.25  # of a pixel
 FINEST_STEP = 0.25  # of the usual distance of slices, when they are resampled
@@ -245,14 +246,10 @@ def _check_gaps(source: Path, frames: Sequence[Frame], heights: Sequence[float])
     """Whether slices are evenly spaced. Raises BadInput if two lie at one place, or one is missing."""
     gaps = [after - before for before, after in zip(heights, heights[1:], strict=False)]
     usual = median(gaps)
+    _check_apart(source, frames, gaps, usual)
     thick = median(frame.thickness for frame in frames)
     for n, gap in enumerate(gaps):
         between = f"{frames[n].name} and {frames[n + 1].name}"
-        if gap <= GAP_TOLERANCE * max(usual, max(gaps)):
-            raise BadInput(
-                f"{source}: slices {between} lie at one position and nothing tells them apart; "
-                "remove copies, or put one phase of the series into a folder"
-            )
         steps = round(gap / usual)
         missing = steps > 1 and abs(gap - steps * usual) <= GAP_TOLERANCE * gap
         thicker = thick > 0 and max(frames[n].thickness, frames[n + 1].thickness) >= (1 - GAP_TOLERANCE) * steps * thick
@@ -263,6 +260,17 @@ def _check_gaps(source: Path, frames: Sequence[Frame], heights: Sequence[float])
                 "complete the series"
             )
     return all(abs(gap - usual) <= GAP_TOLERANCE * usual for gap in gaps)
+
+
+def _check_apart(source: Path, frames: Sequence[Frame], gaps: Sequence[float], usual: float) -> None:
+    """Raises BadInput if two frames lie at one place."""
+    real = usual if usual > SAME_PLACE * max(gaps) else max(gaps)  # else most frames lie where another one does
+    for n, gap in enumerate(gaps):
+        if gap <= GAP_TOLERANCE * real:
+            raise BadInput(
+                f"{source}: slices {frames[n].name} and {frames[n + 1].name} lie at one position and nothing tells "
+                "them apart; remove copies, or put one phase of the series into a folder"
+            )
 
 
 def _check_line(source: Path, in_order: Sequence[tuple[Frame, Place]], heights: Sequence[float]) -> None:

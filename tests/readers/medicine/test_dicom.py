@@ -174,7 +174,10 @@ def test_what_does_not_stack_is_told(tmp_path: Path) -> None:
     for name, heights, cause in (
         ("missing", [0, 3, 6, 12, 15, 18], "a slice is missing: .* are 6 mm apart, the others 3 mm"),
         ("several missing", [0, 3, 6, 15, 18, 21], "2 slices are missing"),
+        ("far apart", [0, 1, 2, 3, 4, 64], "59 slices are missing: .* are 60 mm apart, the others 1 mm"),
         ("doubled", [0, 3, 6, 6, 9, 12], "lie at one position and nothing tells them apart"),
+        ("most doubled", [0, 5, 5, 5, 5, 5], "lie at one position and nothing tells them apart"),
+        ("nearly doubled", [0, 1e-4, 3, 3.0001, 6, 6.0001], "lie at one position and nothing tells them apart"),
     ):
         with pytest.raises(BadInput, match=cause):
             open_volume(str(series(tmp_path / name, values, heights)))
