@@ -8,7 +8,13 @@ from collections.abc import Callable
 from volsplat.client.session.session import Session
 from volsplat.client.ui.viewing.trouble import Trouble, trouble_of
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import VolsplatError
+
+# To start it once more would lead here again.
+_ANOTHER_VOLUME = Trouble(
+    "its file was saved anew meanwhile, and the volume is another one: save the scene, then open the file anew (O)",
+    lasting=True,
+)
 
 # A session like the first one; it is given what to do with the words for what takes time.
 OpenSession = Callable[[Callable[[str], None]], Session]
@@ -53,7 +59,7 @@ class Restart:
             viewing.take(self._open_session(self._say))
             if viewing.session.volume.description != viewing.volume.description:
                 viewing.session.close()
-                raise PeerLost("the volume is another one by now")
+                return _ANOTHER_VOLUME
         except VolsplatError as error:
             return trouble_of(error, viewing.cure)
         viewing.loop.draw_with(viewing.session)

@@ -1,0 +1,49 @@
+"""A session that is started again, and what is told of it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from support.scenes.arbitrary import plain_scene
+from volsplat.client.ui.viewing.restart import Restart
+from volsplat.client.ui.viewing.scene_model import SceneModel
+from volsplat.client.ui.viewing.viewing import Feed, Troubles, Viewing
+from volsplat.protocol.text.errors import PeerLost
+
+
+class Told:
+    """A session of a volume, as far as it is asked."""
+
+    def __init__(self, description: str, failure: PeerLost | None = None) -> None:
+        self.volume = SimpleNamespace(description=description)
+        self.failure = failure
+
+    def close(self) -> None:
+        self.failure = self.failure or PeerLost("the session is closed")
+
+
+def ended(drawn: list[object]) -> Viewing:
+    """A viewing whose session has ended; `drawn` gets what is drawn with next."""
+    session = cast(Any, Told("as it was", PeerLost("gone")))
+    model, loop = SceneModel(plain_scene()), cast(Any, SimpleNamespace(draw_with=drawn.append))
+    return Viewing(session, model, loop, session.volume, model.scene, Feed(), Troubles(), "start it again")
+
+
+def test_what_was_started_again_is_drawn_and_the_loss_is_over() -> None:
+    drawn: list[object] = []
+    viewing, again = ended(drawn), cast(Any, Told("as it was"))
+    Restart(viewing, lambda say: again).start()
+    assert drawn == [again] and viewing.session is again
+    assert viewing.troubles.lasting is None
+
+
+def test_a_file_that_was_saved_anew_is_to_be_opened_anew_not_started_again() -> None:
+    drawn: list[object] = []
+    viewing = ended(drawn)
+    restart = Restart(viewing, lambda say: cast(Any, Told("saved anew")))
+    for _ in range(2):
+        restart.start()
+        assert drawn == [] and viewing.troubles.lasting is not None
+        told = viewing.troubles.lasting.text
+        assert "save the scene, then open the file anew (O)" in told and "start it again" not in told
