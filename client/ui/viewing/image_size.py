@@ -26,6 +26,10 @@ class ImageSize:
         self._windows.pop(viewport, None)
         self._windows[viewport] = window
 
+    def came_back(self, viewport: Hashable, window: Pixels) -> None:
+        """A viewport has as many pixels as before its line was cut; nobody need be at it."""
+        self._windows = {viewport: window, **self._windows}
+
     def used(self, viewport: Hashable) -> None:
         """A person did something in it."""
         if viewport in self._windows:

@@ -36,10 +36,11 @@ Extent = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_EXTENT)]  # of an image, i
 
 
 class Size(Said, tag="size"):
-    """The image that is wanted, in the display's pixels."""
+    """The image that is wanted, in the display's pixels; `again` if it was wanted before the line was cut."""
 
     width: Extent
     height: Extent
+    again: bool = False
 
 
 class ViewTurned(Said, tag="view"):

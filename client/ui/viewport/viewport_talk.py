@@ -135,7 +135,8 @@ class ViewportTalk:
                 self._under_way.shown(number, time.monotonic())
                 self._give_picture()
             case said.Size(width=width, height=height):
-                self._image_size.opened_or_resized(self, (width, height))
+                told = self._image_size.came_back if message.again else self._image_size.opened_or_resized
+                told(self, (width, height))
                 self._resize()
             case said.ViewTurned(settled=settled, event=event):
                 self._change(lambda s: _turned(s, message), settled, event)

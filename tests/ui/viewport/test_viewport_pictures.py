@@ -412,7 +412,7 @@ def test_a_trouble_that_lasts_is_told_again_once_another_one_has_passed(shown: S
 def test_after_a_drop_the_page_connects_again(shown: ShownViewport) -> None:
     shown.show_and_wait(plain(RED))
     shown.process.hang_up()
-    shown.process.wait_for("size")
+    assert shown.process.wait_for("size")["again"], "nobody resized anything"
     assert shown.colour_at(0, 0) == RED
     shown.process.say(VOLUME)
     shown.process.say_scene(view=OBLIQUE)

@@ -229,9 +229,10 @@ export class Viewport {
     if (!anew) return;
     this.#trouble.ofProcess("", true); // what still lasts is told anew
     this.#pictures.reconnected();
-    this.#asked = { width: 0, height: 0 };
     this.#box = this.#measured();
-    this.#sendSize();
+    const before = this.#asked;
+    this.#asked = { width: 0, height: 0 };
+    this.#sendSize(before);
     this.#outbox.repeatAfter(this.#contained);
     this.slices?.reconnected();
   }
@@ -342,13 +343,14 @@ export class Viewport {
     this.#resized = setTimeout(() => this.#sendSize(), first ? 0 : RESIZED_AFTER);
   }
 
-  #sendSize() {
+  /** @param {Size} [before] what was asked for before the line was cut */
+  #sendSize(before = this.#asked) {
     const { width, height } = this.#box;
     if (width === 0 || height === 0) return; // not on the screen
     const [w, h] = [width, height].map((side) => Math.max(1, Math.round(side * window.devicePixelRatio)));
     if (w === this.#asked.width && h === this.#asked.height) return;
     this.#asked = { width: w, height: h };
-    this.#transport.send({ type: "size", ...this.#asked });
+    this.#transport.send({ type: "size", ...this.#asked, again: w === before.width && h === before.height });
   }
 
   /** Put the marks where the picture on the screen has them. */

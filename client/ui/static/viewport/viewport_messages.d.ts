@@ -1,10 +1,11 @@
 // What page and process say to each other, made from viewport_messages.py (tests/support/pages/message_types.py).
 
-/** The image that is wanted, in the display's pixels. */
+/** The image that is wanted, in the display's pixels; `again` if it was wanted before the line was cut. */
 export interface Size {
   type: "size";
   width: number;
   height: number;
+  again: boolean;
 }
 
 /** The whole view, of an image of this size; `event` counts the tab's pointer events. */
