@@ -138,3 +138,49 @@ def test_fields_set_the_rest_and_patches_are_named(tab: Tab) -> None:
     named = tab.panel.get_by_role("button", name="patch 1 of 1: from")
     expect(named).to_have_attribute("aria-pressed", "true")
     expect(tab.panel.get_by_text("None: the four tables decide")).to_be_hidden()
+
+
+def place(handle: Locator) -> list[str | None]:
+    return [handle.get_attribute(side) for side in ("cx", "cy")]
+
+
+def press(tab: Tab, grabbed: Locator) -> tuple[float, float]:
+    box = grabbed.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    return x, y
+
+
+def test_escape_takes_a_drag_back(tab: Tab) -> None:
+    first = tab.add()
+    handle = tab.handle("patch 1, upper right")
+    begun = place(handle)
+    x, y = press(tab, handle)
+    tab.page.mouse.move(x + 30, y - 20, steps=4)
+    assert place(handle) != begun
+    tab.page.keyboard.press("Escape")
+    assert place(handle) == begun
+    tab.page.mouse.move(x + 60, y - 20, steps=4)
+    tab.page.mouse.up()
+    assert place(handle) == begun
+    tab.until(lambda patches: patches == (first,))
+
+
+def test_what_others_do_during_a_press_is_seen_once_it_ends_without_a_move(tab: Tab) -> None:
+    tab.add()
+    other = tab.page.context.new_page()
+    other.goto(tab.url)
+    other.wait_for_function("() => window.did_handshake")
+    shapes, shown = tab.panel.locator(".vs-patch"), other.get_by_role("region", name="2-D table").locator(".vs-patch")
+    shown.nth(0).wait_for()
+    press(tab, tab.panel.locator(".vs-patch"))
+    other.get_by_role("region", name="2-D table").get_by_role("button", name="Add a patch").click()
+    tab.until(lambda patches: len(patches) == 2)
+    shown.nth(1).wait_for()
+    state = msgspec.json.decode(tab.page.request.get(f"{tab.url}/state").body(), type=State)
+    tab.page.locator("[data-revision]", has_text=str(state.revision)).wait_for()  # told here as well
+    assert shapes.count() == 1
+    tab.page.mouse.up()
+    shapes.nth(1).wait_for()

@@ -30,6 +30,8 @@ export class PatchEditor {
     this.selected = -1;
     /** @type {Patch[] | null} what there was before the change that is not yet settled */
     this.before = null;
+    /** @type {Patch[] | null} what was told meanwhile */
+    this.told = null;
     /** @type {((event: PointerEvent) => void) | null} */
     this.drag = null;
     this.frame = 0; // the screen's frame in which a change goes out, or 0
@@ -51,8 +53,9 @@ export class PatchEditor {
     this.seen.observe(this.plot.box);
   }
 
-  /** Show the scene's, unless they are being changed here. @param {Patch[]} patches */
+  /** Show the scene's; while a hand is at them, once it lets go without having changed any. @param {Patch[]} patches */
   show(patches) {
+    this.told = this.before && patches;
     if (this.before) return;
     this.patches = patches;
     if (this.selected >= patches.length) this.selected = -1;
@@ -173,9 +176,9 @@ export class PatchEditor {
 
   /** @param {KeyboardEvent} event */
   _key(event) {
+    if (event.key === "Escape" && this.before) return this._cancel();
     const patch = this.patches[this.selected];
     if (!patch || this.drag) return;
-    if (event.key === "Escape" && this.before) return this._cancel();
     if (event.key === "Delete" || event.key === "Backspace") {
       event.preventDefault();
       event.stopPropagation();
@@ -240,11 +243,14 @@ export class PatchEditor {
     const changed = this.before && this.before !== this.patches;
     cancelAnimationFrame(this.frame);
     this.frame = 0;
-    this.before = null;
+    const { told } = this;
+    this.before = this.told = null;
     if (changed) this.to.onChange(this.patches, true);
+    else if (told) this.show(told);
   }
 
   _cancel() {
+    this.drag = null;
     this.patches = [.../** @type {Patch[]} */ (this.before)];
     this._settle();
     this._draw();
