@@ -89,8 +89,9 @@ def test_the_page_never_blinks_between_pictures(shown: ShownViewport) -> None:
 
 def test_a_damaged_picture_is_told_of_and_acknowledged(shown: ShownViewport) -> None:
     shown.show_and_wait(plain(RED))
-    shown.show_and_wait(b"no picture")
-    expect(shown.page.get_by_role("status")).to_contain_text("arrived damaged")
+    for last, cure in ((False, "a newer one will replace it"), (True, "move the view to have it drawn again")):
+        shown.show_and_wait(b"no picture", last=last)
+        expect(shown.page.get_by_role("status")).to_contain_text(f"arrived damaged; {cure}")
     assert shown.colour_at(0, 0) == RED
 
 

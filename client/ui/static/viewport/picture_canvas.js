@@ -40,7 +40,7 @@ export class PictureCanvas {
     if (header.number > this.#newest) {
       const bitmap = await decoded(bytes).catch(() => null);
       if (connection !== this.#connection) return;
-      if (bitmap === null) this.tell(`Picture ${header.number} arrived damaged; a newer one will replace it.`);
+      if (bitmap === null) this.tell(`Picture ${header.number} arrived damaged; ${cureOf(header)}.`);
       else if (header.number > this.#newest) this.#draw(header, bitmap);
       bitmap?.close();
     }
@@ -73,6 +73,9 @@ export class PictureCanvas {
     this.drawn(header);
   }
 }
+
+/** @param {PictureHeader} header */
+const cureOf = ({ last }) => (last ? "move the view to have it drawn again" : "a newer one will replace it");
 
 /** @param {Uint8Array<any>} bytes */
 function decoded(bytes) {
