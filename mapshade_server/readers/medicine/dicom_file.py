@@ -33,6 +33,7 @@ PREAMBLE = 128
 FIRST_TAGS = tuple(b"\x08\0" + element + b"\0" for element in (b"\x00", b"\x01", b"\x05", b"\x08", b"\x16"))
 MEDIA_DIRECTORY = "1.2.840.10008.1.3.10"
 UNDEFINED_LENGTH = 0xFFFFFFFF
+MOST_FRAMES = 1 << 16  # of a file; what is known of each is held
 PIXEL_DATA, FLOAT_PIXELS, DOUBLE_PIXELS = 0x7FE00010, 0x7FE00008, 0x7FE00009
 DEFLATED = "1.2.840.10008.1.2.1.99"
 SQUARE_TOLERANCE = 0.01  # of direction cosines
@@ -214,6 +215,11 @@ def _pixels(path: Path, head: Any, file: BinaryIO) -> Pixels:
     )
     if min(pixels.columns, pixels.rows) < 1 or not 0 < pixels.bits_stored <= pixels.high_bit + 1 <= bits:
         raise BadInput(f"{path}: its numbers of rows, columns or bits make no sense; export it again")
+    if pixels.frames > MOST_FRAMES:
+        raise BadInput(
+            f"{path}: promises {pixels.frames} frames, and no more than {MOST_FRAMES} are read of one file; "
+            "export it in parts"
+        )
     if packed and len(pixels.fragments) < pixels.frames:
         raise BadInput(f"{path}: promises {pixels.frames} frames and holds {len(pixels.fragments)}; export it again")
     return pixels

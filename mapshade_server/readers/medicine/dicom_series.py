@@ -97,7 +97,7 @@ def _around(path: Path, slice_: DicomFile, said: PartOptions) -> OpenedVolume:
             f"whole series, or {path}#{ONE_SLICE} for it alone"
         )
     if not said.values:
-        groups = dicom_stack.apart(series.frames)
+        groups = dicom_stack.apart(path, series.frames)
         its = (name for name, frames in groups.items() if any(frame.pixels.path == path for frame in frames))
         said = PartOptions(said.word, dict(next(its, ())))
     told = f"{path.name} is one slice of the series that is drawn; {path.name}#{ONE_SLICE} draws it alone"
@@ -174,7 +174,7 @@ def told_series(images: Sequence[Path]) -> list[tuple[str, str]]:
     every = _of_files(file for file in readable if file is not None)
     told = list[tuple[str, str]]()
     for series, word in zip(every, _parts(every), strict=True):
-        groups = {name: frames for name, frames in dicom_stack.apart(series.frames).items() if len(frames) > 1}
+        groups = _volumes(series)
         for name, frames in groups.items():
             chosen = [f"{key}={value}" for key, value in name] if len(groups) > 1 else []
             pixels = frames[0].pixels
@@ -182,6 +182,15 @@ def told_series(images: Sequence[Path]) -> list[tuple[str, str]]:
             part = ",".join([word, *chosen] if word else chosen)
             told.append((part, ", ".join([f"series {series.title}", *chosen, slices])))
     return told
+
+
+def _volumes(series: _Series) -> dicom_stack.Groups:
+    """The groups of its frames that may be volumes, none if it is turned in too many ways to be stacks."""
+    try:
+        groups = dicom_stack.apart(series.files[0].path, series.frames)
+    except BadInput:
+        return {}
+    return {name: frames for name, frames in groups.items() if len(frames) > 1}
 
 
 def _parts(every: Sequence[_Series]) -> list[str]:
@@ -201,7 +210,7 @@ def _left_out(every: Sequence[_Series], chosen: _Series) -> tuple[str, ...]:
 def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[str, ...] = ()) -> OpenedVolume:
     if refusal := next((file.refusal for file in series.files if file.refusal), ""):
         raise BadInput(refusal)
-    groups = dicom_stack.apart(series.frames)
+    groups = dicom_stack.apart(source, series.frames)
     name, frames = _chosen_group(source, groups, said)
     stack = dicom_stack.stacked(source, frames, series.files[0])
     values = ",".join([*([said.word] if said.word else []), *(f"{key}={value}" for key, value in name)])

@@ -28,6 +28,7 @@ FINEST_STEP = 0.25  # of the usual distance of slices, when they are resampled
 ORIENTATIONS = ("sagittal", "coronal", "axial")  # by the axis that the normal is closest to
 ORIENTATION = "orientation"
 KEYS = (ORIENTATION, *APART)
+MOST_ORIENTATIONS = 64  # of stacks in one series: each frame is compared with all
 MOST_SHOWN = 5
 
 Name = tuple[tuple[str, str], ...]  # keys and values that set a group of frames apart
@@ -65,12 +66,13 @@ class Stack:
         return voxels
 
 
-def apart(frames: Sequence[Frame]) -> Groups:
+def apart(source: Path, frames: Sequence[Frame]) -> Groups:
     """The frames in groups that may be volumes, by what sets each apart from the others.
 
-    Frames that are turned differently, or lie at one place, belong to different volumes.
+    Frames that are turned differently, or lie at one place, belong to different volumes. Raises BadInput if they are
+    turned in more than MOST_ORIENTATIONS ways.
     """
-    labels = _orientations(frames)
+    labels = _orientations(source, frames)
     groups: Groups = {}
     if len(set(labels)) > 1:
         for frame, label in zip(frames, labels, strict=True):
@@ -116,7 +118,7 @@ def _rounded(place: Place) -> tuple[float, ...]:
     return tuple(round(x, 3) for x in place.position)
 
 
-def _orientations(frames: Sequence[Frame]) -> list[str]:
+def _orientations(source: Path, frames: Sequence[Frame]) -> list[str]:
     """What a person calls each frame's orientation; several of one name are numbered."""
     known: list[tuple[Place, str]] = []
     labels = []
@@ -125,6 +127,11 @@ def _orientations(frames: Sequence[Frame]) -> list[str]:
         label = ""
         if place is not None:
             label = next((name for other, name in known if _parallel(place, other)), "")
+            if not label and len(known) == MOST_ORIENTATIONS:
+                raise BadInput(
+                    f"{source}: its frames are turned in more than {MOST_ORIENTATIONS} ways, so they are no stacks; "
+                    "give a series of parallel slices"
+                )
             if not label:
                 normal = [abs(x) for x in place.normal]
                 base = ORIENTATIONS[normal.index(max(normal))]

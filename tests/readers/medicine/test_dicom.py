@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,9 @@ from support.files.dicom_files import (
 from support.files.opened import described, read_whole
 from support.files.refusals import assert_refused_in_one_line
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.medicine.dicom_file import Frame, Place, dicom_file
+from volsplat.mapshade_server.readers.medicine.dicom_series import told_series
+from volsplat.mapshade_server.readers.medicine.dicom_stack import apart
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
@@ -354,6 +358,31 @@ def test_stacks_that_are_turned_are_told_apart(tmp_path: Path) -> None:
     assert described(f"{path}#orientation=coronal").geometry.spacing[2] == 4
 
 
+def test_more_orientations_than_a_study_has_are_refused_however_many_there_are(tmp_path: Path) -> None:
+    told = dicom_file(slice_file(tmp_path / "s", VALUES[0], (0, 0, 0)))
+    assert told is not None
+    first = told.frames[0]
+
+    def turned_by(n: int) -> Frame:
+        angle = n * math.tau / 200_000
+        return replace(first, place=Place((0.0, 0.0, 0.0), (math.cos(angle), math.sin(angle), 0.0), (0.0, 0.0, 1.0)))
+
+    frames = [turned_by(n) for n in range(200_000)]
+    with pytest.raises(BadInput, match="are turned in more than 64 ways"):
+        apart(tmp_path, frames)
+    assert len(apart(tmp_path, frames[:: 200_000 // 64])) == 64
+
+
+def test_a_series_of_too_many_orientations_is_left_out_of_a_list(tmp_path: Path) -> None:
+    paths = sorted(series(tmp_path, VALUES, SeriesDescription="HEAD").iterdir())
+    for n in range(65):
+        angle = n * math.tau / 65
+        row = (math.cos(angle), math.sin(angle), 0, 0, 0, 1)
+        paths.append(slice_file(tmp_path / f"t{n}", VALUES[0], (0, 0, 0), row, SeriesInstanceUID="1.2.9"))
+    assert [told for _, told in told_series(paths)] == ["series without number “HEAD”, 5 slices of 7 x 6"]
+    assert "are turned in more than 64 ways" in refused(f"{tmp_path}#1.2.9")
+
+
 def test_each_frame_has_its_own_rescale(tmp_path: Path) -> None:
     groups = [
         macro("PixelValueTransformationSequence", RescaleSlope=slope, RescaleIntercept=0.5, RescaleType="US")
@@ -643,6 +672,11 @@ def damaged_frame(path: Path) -> Path:
     return path
 
 
+def many_frames(path: Path) -> Path:
+    one = with_pixels(head(ENHANCED_MR), np.zeros((2_000_000, 1, 1), np.uint8))
+    return saved(path, one)
+
+
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "a single slice": (lambda d: slice_file(d / "a.dcm", VALUES[0], (0, 0, 0)), "give the folder of the whole series"),
     "one slice in a folder": (lambda d: series(d / "s", VALUES[:1]), "a 2-D image, volsplat needs a volume"),
@@ -672,6 +706,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "another size": (lambda d: edited(d, Rows=5), "differ in size"),
     "more rows than there are": (lambda d: edited(d, Rows=60), "promises"),
     "another spacing": (lambda d: edited(d, PixelSpacing=[2, 2]), "differ in size or pixel spacing"),
+    "frames without end": (lambda d: many_frames(d / "e.dcm"), "promises 2000000 frames, and no more than 65536 are"),
     "impossible bits": (lambda d: edited(d, BitsStored=20), "make no sense"),
 }
 
