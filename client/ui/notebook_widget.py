@@ -111,9 +111,10 @@ class VolumeWidget(anywidget.AnyWidget):
 
     def _heard(self, widget: VolumeWidget, content: dict[str, Any], buffers: list[bytes]) -> None:
         name = content["view"]
-        if content.get("text", "") is None:  # it has been opened, anew perhaps
-            if name in self._views:
-                self._views.pop(name).end()
+        opened = content.get("text", "") is None  # anew perhaps
+        if (opened or content.get("closed", False)) and name in self._views:
+            self._views.pop(name).end()
+        if opened:
             self._views[name] = self._view(name)
             self._views[name].begin()
         elif name in self._views:

@@ -79,6 +79,7 @@ class NotebookCell:
 
     def close(self) -> None:
         self.page.evaluate("() => window.endView()")
+        wait_until(lambda: self.kernel(lambda: self.widget._views == {}), "closed in the kernel as well")
         self.kernel(self.widget.close)
         self._loop.call_soon_threadsafe(self._loop.stop)
 

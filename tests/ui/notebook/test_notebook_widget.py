@@ -107,6 +107,22 @@ def test_a_saved_notebook_has_a_still_picture_of_the_scene(tmp_path: Path) -> No
     in_notebook(tmp_path, use)
 
 
+def test_a_view_that_is_closed_is_told_nothing_more(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        await notebook.picture(lambda header: bool(header["last"]))
+        notebook.widget._handle_custom_msg({"view": VIEW, "closed": True}, [])
+        while not notebook.heard.empty():
+            notebook.heard.get_nowait()
+        notebook.widget.scene = notebook.widget.scene.with_(background="white")
+        notebook.says({"type": "undo"})  # of one that was closed
+        assert notebook.heard.empty()
+        notebook.says(None)
+        notebook.says({"type": "size", "width": 40, "height": 30})
+        await notebook.picture(lambda header: bool(header["last"]))
+
+    in_notebook(tmp_path, use)
+
+
 def test_the_trait_takes_scenes_only(tmp_path: Path) -> None:
     async def use(notebook: Notebook) -> None:
         before: Scene = notebook.widget.scene

@@ -1,14 +1,17 @@
 // The viewport in a notebook, with its controls if asked for: loads the page's own modules from their texts, and carries
 // what is said by widget messages.
 
-/** The modules as blobs, each import pointing to the blob of what it names. @returns {(name: string) => Promise<any>} */
+/** The modules as blobs, each import pointing to the blob of what it names. @returns {{imported: (name: string) => Promise<any>, release: () => void}} */
 function linked(sources) {
   const addresses = new Map();
   for (const [name, source] of Object.entries(sources)) {
     const text = source.replace(/from\s+["']\.\/([\w./]+)["']/g, (_, imported) => `from "${addresses.get(imported)}"`);
     addresses.set(name, URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
   }
-  return (name) => import(addresses.get(name));
+  return {
+    imported: (name) => import(addresses.get(name)),
+    release: () => addresses.forEach((address) => URL.revokeObjectURL(address)), // what was imported stays
+  };
 }
 
 /** What Viewport talks through. */
@@ -40,7 +43,10 @@ class WidgetTransport {
   onmessage(listener) { this.listeners.message = listener; }
   onpicture(listener) { this.listeners.picture = listener; }
   onstate(listener) { this.listeners.state = listener; }
-  close() { this.model.off("msg:custom", this.received); }
+  close() {
+    this.model.off("msg:custom", this.received);
+    this.model.send({ view: this.view, closed: true });
+  }
 }
 
 /** The controls in an element of their own. @returns {Promise<() => void>} what ends them */
@@ -70,11 +76,12 @@ export default {
     const host = document.createElement("div");
     host.className = "vs-notebook-viewport";
     cell.append(host);
-    const imported = linked(model.get("modules"));
+    const { imported, release } = linked(model.get("modules"));
     const { Viewport } = await imported("viewport/viewport.js");
     const transport = new WidgetTransport(model);
     const viewport = new Viewport(host, transport);
     const end = model.get("controls") ? await beside(cell, imported, model, transport.view) : () => {};
+    release();
     transport.open();
     return () => { end(); viewport.close?.(); transport.close(); };
   },
