@@ -50,7 +50,8 @@ _RECORDS = (
     "DBREF |SEQRES|CRYST1|MODEL |ATOM  |HETATM"
 )
 _FIRST_RECORD = re.compile(rf"\s*({_RECORDS})[ 0-9]".encode())
-_BROKEN_ATOM = re.compile(r"^(?:ATOM  |HETATM)(?!.{24}(?: *-?[0-9]+\.[0-9]* *){3}).*", re.MULTILINE)
+_COORDINATES = r"(?: {0,23}-?[0-9]{1,23}\.[0-9]{0,23}){3}"  # within 24 columns: a line may have millions
+_BROKEN_ATOM = re.compile(rf"^(?:ATOM  |HETATM)(?!.{{24}}{_COORDINATES})", re.MULTILINE)
 _END = re.compile(r"^END *\r?$", re.MULTILINE)
 _BANDS = tuple(Band(name, max(n * BAND, 1), (n + 1) * BAND - 1) for n, name in enumerate(CLASSES))
 

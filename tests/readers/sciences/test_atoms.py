@@ -244,10 +244,25 @@ def test_few_atoms_may_lie_in_one_place_and_many_in_a_row(tmp_path: Path) -> Non
         assert reader.read(Box((0, 0, 0), (3, 3, 3))).shape == (3, 3, 3)
 
 
+def test_a_long_line_of_an_atom_is_read_by_its_columns(tmp_path: Path) -> None:
+    lines = pdb_text().splitlines()
+    first = next(n for n, line in enumerate(lines) if line.startswith("ATOM"))
+    for rest in (" " * 2_000_000, "x" * 2_000_000):
+        lines[first] = lines[first].rstrip() + rest
+        geometry, values = read_whole(pdb(tmp_path, text="\n".join(lines)))
+        expected_geometry, expected = read_whole(pdb(tmp_path))
+        assert geometry == expected_geometry
+        np.testing.assert_array_equal(values, expected)
+
+
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "no atoms": (lambda d: pdb(d, text="HEADER    NOTHING\nEND\n"), "has no atoms"),
     "nothing but an extension": (lambda d: pdb(d, text="no molecule\n"), "has no atoms"),
     "broken coordinates": (lambda d: changed(d, "   1.450   0.000", "   1.4x0   0.000"), "line 4 has no three coord"),
+    "a long line of blanks": (
+        lambda d: changed(d, "   1.450   0.000   0.000", f"   1.450{' ' * 2_000_000}x"),
+        "line 4 has no three coord",
+    ),
     "coordinates missing": (lambda d: pdb(d, text=pdb_text()[:-130]), "has no three coord"),
     "compressed data truncated": (cut_gzip, "damaged or truncated"),
     "unpacks to too much": (bomb, "bytes of text unpacked"),
