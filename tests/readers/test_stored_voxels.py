@@ -1,6 +1,8 @@
 """Compressed voxels that are read from the first sheet to the last are unpacked once."""
 
 import gzip
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +59,23 @@ def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: 
     slabs = [voxels.read(Box((0, 0, k), (40, 30, k + 5))) for k in range(0, 20, 5)]
     assert (np.concatenate(slabs) == VALUES).all()
     assert unpacked == VALUES.nbytes + 4
+
+
+@pytest.mark.parametrize("count", [1, 511, 512, 5000])
+@pytest.mark.parametrize("compress", [gzip.compress, zlib.compress])
+def test_zeros_after_a_stream_are_padding(
+    count: int, compress: Callable[[bytes], bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on tapes, and as gunzip takes them; between two streams, too."""
+    monkeypatch.setattr(unpacked_stream, "PACKED_CHUNK_BYTES", 512)
+    path, raw = tmp_path / "voxels.gz", b"skip" + VALUES.tobytes()
+    path.write_bytes(b"".join(compress(part) + bytes(count) for part in (raw[:9999], raw[9999:])))
+    voxels = voxels_in(path)
+    voxels.check_files()
+    assert (voxels.read(Box((0, 0, 0), (40, 30, 20))) == VALUES).all()
+    path.write_bytes(path.read_bytes() + b"no stream")
+    with pytest.raises(zlib.error):
+        UnpackedStream(path, 0, Packing.DEFLATE).drain(1 << 20)
 
 
 def test_a_box_larger_than_the_memory_names_a_cure_that_there_is() -> None:

@@ -88,7 +88,7 @@ class UnpackedStream:
         while not self._ready:
             packed = b""
             if self._decompressor.eof:
-                packed = self._decompressor.unused_data or self._read()
+                packed = self._following()
                 if not packed:
                     return False
                 self._decompressor = self._start()
@@ -98,6 +98,15 @@ class UnpackedStream:
                     raise EOFError
             self._ready = memoryview(self._decompressor.decompress(packed, UNPACKED_CHUNK_BYTES))
         return True
+
+    def _following(self) -> bytes:
+        """What follows the end of a stream but for zeros, by which gzip may be padded; nothing at the file's end."""
+        packed = self._decompressor.unused_data.lstrip(b"\0")
+        while not packed:
+            if not (read := self._read()):
+                return b""
+            packed = read.lstrip(b"\0")
+        return packed
 
     def _read(self) -> bytes:
         with self._path.open("rb", buffering=0) as file:
