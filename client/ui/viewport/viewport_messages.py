@@ -65,10 +65,11 @@ class BoundsMoved(Said, tag="bounds"):
 
 
 class ProbeAsked(Said, tag="probe"):
-    """What lies under this pixel?"""
+    """What lies under this pixel? If it was `picked` that is to be told wherever the pointer has gone since."""
 
     x: float
     y: float
+    picked: bool = False
 
 
 class CenterAsked(Said, tag="center"):

@@ -52,6 +52,9 @@ class ViewportTalk:
         self._sent = 0  # number of the last picture that was sent
         self._under_way = UnderWay()
         self._newest_probe = 0
+        self._probing = (
+            asyncio.Lock()
+        )  # held while the servers are asked what is drawn under the pointer: once at a time
         self._reading_file = asyncio.Lock()  # held while the file is read for this viewport: once at a time
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions = contextlib.ExitStack()
@@ -149,8 +152,8 @@ class ViewportTalk:
             case said.RedoAsked():
                 self._viewing.model.redo(self._tab)
                 self._use()
-            case said.ProbeAsked(x=x, y=y):
-                self._in_background(self._probe(x, y))
+            case said.ProbeAsked(x=x, y=y, picked=picked):
+                self._in_background(self._probe(x, y, picked))
             case said.CenterAsked(x=x, y=y):
                 self._in_background(self._center(x, y))
             case SlicesAsked():
@@ -190,15 +193,22 @@ class ViewportTalk:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _probe(self, x: float, y: float) -> None:
-        """Tell what is drawn there; and if the pointer rests, what the file has, which may take its time."""
+    async def _probe(self, x: float, y: float, picked: bool) -> None:
+        """Tell what is drawn there; and if the pointer rests, what the file has, which may take its time.
+
+        Where the pointer has been meanwhile nobody need know, unless it was picked there.
+        """
         self._newest_probe += 1
-        number, scene = self._newest_probe, self._viewing.model.scene
-        try:
-            found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
-        except VolsplatError as error:
-            log.info("no value under the pointer: %s", error)
-            return
+        number = self._newest_probe
+        async with self._probing:
+            if number != self._newest_probe and not picked:
+                return
+            scene = self._viewing.model.scene
+            try:
+                found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
+            except VolsplatError as error:
+                log.info("no value under the pointer: %s", error)
+                return
         answer = said.probe_answered(x, y, found, scene, self._viewing.volume)
         self._say(answer)
         if found is None or not self._file_has_more(answer):

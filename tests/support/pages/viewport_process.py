@@ -106,6 +106,11 @@ class ViewportProcess:
         self.wait_until(lambda: len(self.heard_of(kind)) >= count, f"say {count} x {kind}")
         return self.heard_of(kind)[-1]
 
+    def wait_for_probe(self, count: int = 1) -> Message:
+        """What the answer to the last of at least `count` probes begins with."""
+        asked = self.wait_for("probe", count)
+        return {key: asked[key] for key in ("type", "x", "y")}
+
     def wait_for_settled(self, kind: str = "view") -> Message:
         """The last message of a kind, once it says that the person is done."""
         self.wait_until(lambda: any(m["settled"] for m in self.heard_of(kind)[-1:]), f"settle its {kind}")

@@ -34,7 +34,7 @@ def measure(shown: ShownViewport, *points: list[int]) -> None:
         shown.process.forget()
         shown.page.mouse.click(200 + 40 * n, 150)
         found = {"index": index, "density": 5.0, "strength": 6.0}
-        shown.process.say({**shown.process.wait_for("probe"), **EXACT, "found": found})
+        shown.process.say({**shown.process.wait_for_probe(), **EXACT, "found": found})
         ends = shown.page.locator(".vs-overlay .vs-measured-lines circle")
         shown.page.wait_for_function(
             "(count) => document.querySelectorAll('.vs-overlay .vs-measured-lines circle').length === count", arg=n + 1

@@ -310,7 +310,7 @@ def test_each_scale_has_a_bar_of_a_round_length(shown: ShownViewport) -> None:
 def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> None:
     value = shown.page.locator(".vs-value")
     shown.page.mouse.move(200, 150)
-    asked = shown.process.wait_for("probe")
+    asked = shown.process.wait_for_probe()
     assert (asked["x"], asked["y"]) == (199.5, 149.5)
     answer = {**asked, **EXACT}
     elsewhere = {"index": [1, 2, 3], "density": 5.0, "strength": 6.0}
@@ -341,7 +341,7 @@ def test_a_value_is_told_in_its_unit_and_at_what_its_indices_stand_for(shown: Sh
     shown.process.say({**VOLUME, "value_unit": "mV", "axes": axes})
     shown.show_and_wait()
     shown.page.mouse.move(200, 150)
-    asked = shown.process.wait_for("probe")
+    asked = shown.process.wait_for_probe()
     found = {"index": [9, 5, 2], "density": -3.5, "strength": 31.21}
     shown.process.say({**asked, **EXACT, "found": found})
     expect(shown.page.locator(".vs-value")).to_have_text(
@@ -357,7 +357,7 @@ def test_the_document_hears_of_the_value_until_the_pointer_leaves(shown: ShownVi
         }"""
     )
     shown.page.mouse.move(200, 150)
-    asked = shown.process.wait_for("probe")
+    asked = shown.process.wait_for_probe()
     shown.process.say({**asked, **EXACT, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     shown.page.locator(".vs-value").wait_for()
     value = {"density": 1124.2, "strength": 31.21, "grid-i": 48, "grid-j": 60, "grid-k": 20}
@@ -380,13 +380,13 @@ def test_no_value_is_asked_for_while_things_move(shown: ShownViewport) -> None:
 def test_a_value_is_asked_for_anew_when_the_picture_has_changed(shown: ShownViewport) -> None:
     value = shown.page.locator(".vs-value")
     shown.page.mouse.move(200, 150)
-    asked = shown.process.wait_for("probe")
+    asked = shown.process.wait_for_probe()
     shown.process.say({**asked, **EXACT, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     value.wait_for()
     shown.show_and_wait(revision=2, last=False)
     expect(value).to_be_hidden()
     shown.show_and_wait(revision=2, last=True)
-    assert shown.process.wait_for("probe", 2) == asked
+    assert shown.process.wait_for_probe(2) == asked
 
 
 # -- troubles

@@ -207,7 +207,7 @@ export class Viewport {
   pick(event, then) {
     const [x, y] = this.pointAt(event);
     this.#picked = { at: [x, y], then };
-    this.#transport.send({ type: "probe", x, y });
+    this.#transport.send({ type: "probe", x, y, picked: true });
   }
 
   /** The pointer is there without a button; null if it is away, or drags. @param {MouseEvent | null} event */
@@ -276,7 +276,7 @@ export class Viewport {
     this.#marks?.remove();
     this.#marks = new Marks(volume, {
       moveBounds: (bounds, settled, at) => this.#outbox.post({ type: "bounds", ...bounds, settled }, at),
-      probe: ([x, y]) => this.#transport.send({ type: "probe", x, y }),
+      probe: ([x, y]) => this.#transport.send({ type: "probe", x, y, picked: false }),
       lookFrom: (side) => this.actions.lookFrom(side),
       measuring: this.measuring,
     });

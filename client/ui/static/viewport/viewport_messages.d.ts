@@ -29,11 +29,12 @@ export interface BoundsMoved {
   event: number;
 }
 
-/** What lies under this pixel? */
+/** What lies under this pixel? If it was `picked` that is to be told wherever the pointer has gone since. */
 export interface ProbeAsked {
   type: "probe";
   x: number;
   y: number;
+  picked: boolean;
 }
 
 /** What lies under this pixel becomes the centre. */
