@@ -6,7 +6,7 @@ or from element_size_um, which Fiji and ilastik write; the values' meaning from 
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, array_grid
+from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, MOST_COMPONENTS, ArrayAxis, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.array_volume import (
@@ -60,6 +60,7 @@ ATTRIBUTES = (
     "units long_name standard_name axis positive NAME "
     "default signal axes element_size_um MATLAB_class"
 ).split()
+CHANNELS = ("c", "channel", "channels")
 SIEVE_BYTES = 1 << 16  # that HDF5 reads at least if a dataset is not in chunks
 
 
@@ -272,13 +273,21 @@ def _axes(dataset: Any, attributes: Attributes) -> list[Coordinates]:
             scales[n] = _variable(dataset.shape[n], name, dataset.parent[name])
     sizes = attributes.get("element_size_um")
     if isinstance(sizes, list) and len(sizes) == 3 and dataset.ndim >= 3:
-        for n, size, letter in zip(range(dataset.ndim - 3, dataset.ndim), sizes, reversed(LETTERS), strict=True):
+        end = dataset.ndim - _ends_in_components([one.axis for one in scales])
+        for n, size, letter in zip(range(end - 3, end), sizes, reversed(LETTERS), strict=True):
             axis = replace(scales[n].axis, step=float(size), first=0.0, unit="µm", along=letter)
             scales[n] = Coordinates(axis)
     if "MATLAB_class" in attributes and dataset.ndim == 3:  # written with the order of axes turned round
         for n, letter in enumerate("zxy"):  # pages, columns along x, rows along y
             scales[n] = Coordinates(replace(scales[n].axis, name=letter, along=letter))
     return scales
+
+
+def _ends_in_components(axes: Sequence[ArrayAxis]) -> bool:
+    """Whether the last of more than three axes holds components, as ilastik's channels do."""
+    last = axes[-1]
+    few = not last.name and last.length <= MOST_COMPONENTS
+    return len(axes) > 3 and (few or last.name.lower() in CHANNELS)
 
 
 def _scale(dataset: Any, n: int) -> Coordinates:

@@ -263,6 +263,26 @@ def test_fiji_tells_the_size_of_elements(tmp_path: Path) -> None:
     assert described(path).geometry.spacing == (0.25, 0.5, 2) and described(path).unit == "µm"
 
 
+@pytest.mark.parametrize(
+    ("shape", "label", "part"),
+    [
+        ((5, 6, 7, 1), "", ""),
+        ((5, 6, 7, 3), "", "axis3=0"),
+        ((1, 5, 6, 7, 2), "", "axis4=0"),
+        ((5, 6, 7, 9), "c", "c=0"),
+        ((2, 5, 6, 7), "", "axis0=0"),
+        ((2, 5, 6, 3), "x", "axis0=0"),
+    ],
+)
+def test_sizes_of_elements_are_those_of_space(shape: tuple[int, ...], label: str, part: str, tmp_path: Path) -> None:
+    path = one(tmp_path / "v.h5", np.zeros(shape, np.uint8))
+    with h5py.File(path, "a") as file:
+        file["entry/data"].attrs["element_size_um"] = [2.0, 0.5, 0.25]
+        file["entry/data"].dims[len(shape) - 1].label = label
+    told = described(f"{path}#{part}" if part else path)
+    assert told.geometry.dims[1:] == (6, 5) and told.geometry.spacing == (0.25, 0.5, 2)
+
+
 def test_matlab_writes_its_axes_the_other_way_round(tmp_path: Path) -> None:
     path = one(tmp_path / "v.mat", values_of("int16"))
     with h5py.File(path, "a") as file:
