@@ -32,6 +32,7 @@ from volsplat.protocol.text.errors import BadInput
 
 UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA = 1, 8, 32946, 34925
 DECODED_BY_TIFFFILE = (UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA)
+FROM_WHITE = 0  # of the tag PhotometricInterpretation
 WHOLE_BYTES = (8, 16, 32, 64)
 LZW, PACKBITS, ZSTD, OLD_ZSTD = 5, 32773, 50000, 34926
 BOUNDED: dict[int, Callable[[bytes, int], bytes]] = {
@@ -85,6 +86,11 @@ class TiffPage:
             return None
         ends = [start + count for start, count in zip(self.offsets, self.counts, strict=True)]
         return self.offsets[0] if list(self.offsets[1:]) == ends[:-1] and sum(self.counts) >= size else None
+
+    @property
+    def from_white(self) -> bool:
+        """Whether the greatest value means black."""
+        return bool(self.packing.photometric == FROM_WHITE)
 
     def check_within(self, size: int, source: Path) -> None:
         """Raises BadInput if a strip or tile lies beyond the end of its file, of `size` bytes."""
@@ -173,6 +179,8 @@ class TiffPage:
                 values = image.read_image(self.number, 0, 0, 1, oiio.UNKNOWN)
                 if values is not None and values.shape[:2] == (self.packing.imagelength, self.packing.imagewidth):
                     whole: Voxels = values.reshape(values.shape[:2])
+                    if self.from_white and whole.dtype == np.uint8:  # of these alone OpenImageIO makes the negative
+                        whole = ~whole
                     return whole[box.low[1] : box.high[1], box.low[0] : box.high[0]].astype(self.packing.dtype)
             told = (image.geterror() if image else oiio.geterror()).strip().replace("\n", " ")
         finally:

@@ -29,6 +29,7 @@ from volsplat.protocol.text.errors import BadInput
 
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WIDER = {"bool": "uint8", "float16": "float32"}  # types that tensors of voxels do not have
+COUNTED_FROM_WHITE = "its photometric counts from white: values are as they are stored, and the greatest means black"
 WHAT_ALONG = {"C": "channels", "T": "times", "Z": "slices"}
 
 
@@ -223,7 +224,7 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
         scalar_type=scalar_type,
         unit=place.unit,
         density_name=chosen.channel or "density",
-        warnings=(*chosen.warnings, *place.warnings),
+        warnings=(*chosen.warnings, *place.warnings, *(COUNTED_FROM_WHITE,) * pages[0].from_white),
         chunk=raw.chunk if raw is not None else (*pages[0].segment, 1),
     )
 

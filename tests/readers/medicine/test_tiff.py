@@ -82,6 +82,26 @@ def test_every_scalar_type_comes_back(scalar_type: str, compression: str | None,
     np.testing.assert_array_equal(read_whole(path), values)
 
 
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw"])
+@pytest.mark.parametrize("scalar_type", ["uint8", "uint16"])
+@pytest.mark.parametrize("imagecodecs", [True, False], ids=["imagecodecs", "OpenImageIO"])
+def test_values_that_count_from_white_are_as_stored_and_told(
+    imagecodecs: bool, scalar_type: str, compression: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = values_of(scalar_type, (16, 17, 4))
+    path = saved(tmp_path / "v.tif", values, photometric="miniswhite", compression=compression)
+    (tmp_path / "slices").mkdir()
+    for n, plane in enumerate(values):
+        saved(tmp_path / "slices" / f"{n}.tif", plane, photometric="miniswhite", compression=compression)
+    if not imagecodecs:
+        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    for name in (path, tmp_path / "slices"):
+        np.testing.assert_array_equal(read_whole(name), values)
+        (told,) = (one for one in described(name).warnings if "photometric" in one)
+        assert "as they are stored" in told
+    assert not any("photometric" in one for one in described(saved(tmp_path / "b.tif")).warnings)
+
+
 def test_bits_and_half_floats_become_the_next_type(tmp_path: Path) -> None:
     bits = saved(tmp_path / "bits.tif", VALUES % 2 == 0)
     assert described(bits).scalar_type == "uint8"
