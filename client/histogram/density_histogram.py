@@ -160,6 +160,12 @@ class CtScale:
         per_unit = (self.tissue - self.air) / (TISSUE_HU - AIR_HU)
         return self.air + (hounsfield - AIR_HU) * per_unit
 
+    def moved(self, window: tuple[float, float], other: tuple[float, float]) -> "CtScale":
+        """From a table under one window to that under another."""
+        (low, high), (other_low, other_high) = window, other
+        stretch, shift = (high - low) / (other_high - other_low), (low - other_low) / (other_high - other_low)
+        return CtScale(self.air * stretch + shift, self.tissue * stretch + shift)
+
 
 def _within(place: float) -> float:
     return min(max(place, 0.0), 1.0)

@@ -9,6 +9,7 @@ from volsplat.client.histogram.density_histogram import (
     TISSUE_HU,
     CtScale,
     DensityHistogram,
+    ct_scale,
     density_histogram,
     recognised_ct,
 )
@@ -41,6 +42,7 @@ class Subject:
     face: str | None = None  # of a slab: the view that shows it, as radiologists and image viewers do
     single_slice: bool = False
     fine: ValueCounts | None = None  # the values before they became bytes
+    usual: "Subject | None" = None  # the same under the automatic window, if this one is another
 
     @cached_property
     def values(self) -> ValueCounts:
@@ -53,7 +55,22 @@ class Subject:
         if self.kind is Kind.CT and self.in_hounsfield:
             low, high = self.histogram.window
             return CtScale((AIR_HU - low) / (high - low), (TISSUE_HU - low) / (high - low))
-        return recognised_ct(self.histogram) if self.kind in (Kind.CT, Kind.UNKNOWN) else None
+        if self.kind not in (Kind.CT, Kind.UNKNOWN):
+            return None
+        return self._moved(self.usual, self.usual.ct) if self.usual else recognised_ct(self.histogram)
+
+    @cached_property
+    def ct_or_peaks(self) -> CtScale:
+        """The same, and of what is not recognised as a CT by its two greatest peaks.
+
+        They are those under the automatic window: another one may leave nothing of them.
+        """
+        if self.ct:
+            return self.ct
+        return (self.usual and self._moved(self.usual, self.usual.ct_or_peaks)) or ct_scale(self.histogram)
+
+    def _moved(self, usual: "Subject", scale: CtScale | None) -> CtScale | None:
+        return scale and scale.moved(usual.histogram.window, self.histogram.window)
 
 
 def histogram_of(subject: Subject | None) -> DensityHistogram | None:
@@ -66,10 +83,12 @@ def subject_of(
     density_counts: list[int],
     window: tuple[float, float],
     up: Up | Literal["auto"] = "auto",
+    usual: Subject | None = None,
 ) -> Subject:
     """What is known of a volume, under a window; `up` is the physical axis that is.
 
-    `density_counts` split survey.low..survey.high. Raises BadInput for a window without a scale.
+    `usual` is what this gives under the automatic window, if this is another. `density_counts` split
+    survey.low..survey.high. Raises BadInput for a window without a scale.
     """
     steps = [matrices.column(description.geometry.index_to_physical, axis) for axis in range(3)]
     away = [matrices.normalised(step)[1] for step in steps]
@@ -86,6 +105,7 @@ def subject_of(
         face=_face(description.geometry, up),
         single_slice=sorted(description.geometry.dims)[:2].count(1) == 1,
         fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,
+        usual=usual,
     )
 
 

@@ -1,14 +1,14 @@
 """Scenes of CT, placed by Hounsfield units: as the file states them, else by the peaks of air and soft tissue."""
 
 from volsplat.client.histogram.density_histogram import CtScale, ct_scale
-from volsplat.client.histogram.subject import Subject, histogram_of
+from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.table_makers import KEY_LIGHT, colours, opacities, scalars
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Shading, Tables
 
 
 def _ct(subject: Subject | None) -> CtScale:
     """Hounsfield units on a table, as the volume has them or, if it tells nothing of them, as a CT would."""
-    return subject and subject.ct or ct_scale(histogram_of(subject))
+    return subject.ct_or_peaks if subject else ct_scale(None)
 
 
 def ct_skin_scene(subject: Subject | None) -> Scene:

@@ -167,8 +167,11 @@ class SurveyedVolume:
     def _subject_under(self) -> Callable[[tuple[float, float]], Subject]:
         """Remembered, since every preset is made for it."""
 
+        usual = self.quantisation(Quantise()).window
+
         def found(window: tuple[float, float]) -> Subject:
-            return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up)
+            known = None if window == usual else self._subject_under(usual)
+            return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up, known)
 
         return lru_cache(REMEMBERED)(found)
 

@@ -75,6 +75,19 @@ def test_a_ct_is_calibrated_by_its_air_and_tissue_peaks(scan: str) -> None:
     assert recognised_ct(histogram) == scale
 
 
+@pytest.mark.parametrize("window", [(1200.0, 2400.0), (900.0, 1100.0), (-500.0, 4000.0), (2400.0, 2500.0)])
+def test_a_ct_is_calibrated_alike_under_any_window(window: tuple[float, float]) -> None:
+    """Also if there is no peak left in it."""
+    usual = Subject(ct_histogram(1.0, 1024.0, (0.0, 2500.0)))
+    known = Subject(ct_histogram(1.0, 1024.0, window), usual=usual)
+    low, high = window
+    for scale in (known.ct, known.ct_or_peaks):
+        assert scale is not None
+        for hounsfield in (AIR, TISSUE, BONE):
+            expected = usual.ct_or_peaks.place(hounsfield) * 2500.0
+            assert low + scale.place(hounsfield) * (high - low) == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("scan", SCANS)
 def test_the_skin_preset_shows_the_boundary_of_air_and_tissue_and_no_air(scan: str) -> None:
     histogram, position = SCANS[scan]
