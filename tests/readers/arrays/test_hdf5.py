@@ -181,7 +181,8 @@ def test_longitudes_go_on_where_they_are_counted_anew(
         numbers = turned.astype(scalar_type)
         scales = {"z": (None, {}), "lat": (None, {}), name: (numbers, attributes)}
         description = described(netcdf(tmp_path / "v.nc", values_of("int16"), scales))
-        axis = (description.axes or ())[0]
+        assert description.axes is not None
+        axis = description.axes[0]
         assert (axis.first, axis.step, axis.unit) == (float(numbers[0]), step, "deg")
         assert not any("uneven" in one or "usable" in one for one in description.warnings)
 
