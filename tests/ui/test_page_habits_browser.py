@@ -145,6 +145,39 @@ def test_a_page_that_a_link_opened_keeps_what_was_done_since_when_it_is_loaded_a
     assert torch.equal(canvas(page), turned)
 
 
+COPIES_IN_A_CLICK_ALONE = """() => {
+    let clicked = false;
+    const note = () => { clicked = true; setTimeout(() => { clicked = false; }); };
+    window.addEventListener("click", note, true);
+    const write = async ([item]) => {
+        if (!clicked) throw new Error("nobody has clicked");
+        window.copied = await (await item.getType("text/plain")).text();
+    };
+    Object.defineProperty(navigator, "clipboard", { value: { write } });
+}"""
+
+
+def test_a_link_is_copied_by_the_click_however_late_it_is_known(view: Viewed, fresh_page: Page) -> None:
+    page = fresh_page
+    page.evaluate(COPIES_IN_A_CLICK_ALONE)
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").click()
+    page.get_by_text("copied: the link restores").wait_for()
+    assert page.evaluate("() => window.copied").startswith(f"http://127.0.0.1:{view.port}/?scene=")
+
+
+def test_a_link_that_the_browser_does_not_copy_is_shown(view: Viewed, fresh_page: Page) -> None:
+    page = fresh_page
+    page.evaluate("() => Object.defineProperty(navigator, 'clipboard', { value: undefined })")
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").click()
+    page.get_by_text("copy the link from here").wait_for()
+    link = page.get_by_label("link to this scene")
+    assert link.input_value().startswith(f"http://127.0.0.1:{view.port}/?scene=")
+    page.get_by_role("button", name="close").click()
+    link.wait_for(state="hidden")
+
+
 # -- lines that stall
 
 

@@ -22,6 +22,17 @@ from volsplat.protocol.text.errors import VolsplatError
 
 ANSWER_WITHIN = 30.0  # seconds: a browser may ask the person first
 
+# Browsers let a page copy in a click alone, before the process has told of the link: they are given the promise of it.
+_COPIES = """() => {
+    const link = new Promise((told) => { window.tellLink = told; });
+    const text = async () => new Blob([await link], { type: "text/plain" });
+    const copied = async () => "ClipboardItem" in window
+        ? navigator.clipboard.write([new ClipboardItem({ "text/plain": text() })])
+        : navigator.clipboard.writeText(await link);
+    window.linkCopied = copied().then(() => true, () => false);
+    emit();
+}"""
+
 
 def save_panel(viewing: Viewing, scenes: SceneUpload) -> None:
     figure = _built_when_opened(partial(FigureDialog, viewing, file_stem(viewing)))
@@ -34,7 +45,8 @@ def save_panel(viewing: Viewing, scenes: SceneUpload) -> None:
             ui.separator()
             ui.menu_item("scene as TOML", partial(_save_scene, viewing))
             ui.menu_item("open a scene…", scenes.pick)
-            ui.menu_item("copy a link to this scene", partial(_copy_link, viewing))
+            copying = ui.menu_item("copy a link to this scene")
+            copying.on("click", partial(_copy_link, viewing), js_handler=_COPIES)
             ui.separator()
             ui.menu_item("movie…", movie)
 
@@ -92,13 +104,21 @@ async def _copy_link(viewing: Viewing) -> None:
         told = "copied: the link restores this scene in a browser that may see this page; it opens the page to nobody"
         ui.notify(told)
     else:
-        ui.notify("not copied: browsers allow it on HTTPS and localhost only; save the scene as TOML instead")
+        _show_link(link)
 
 
 async def _is_copied(text: str) -> bool:
-    """Whether the browser says that the text is on its clipboard."""
-    written = f"navigator.clipboard?.writeText({json.dumps(text)}).then(() => true, () => false) ?? false"
+    """Whether the browser, which has begun to copy, says that the text is on its clipboard."""
     try:
-        return bool(await ui.run_javascript(written, timeout=ANSWER_WITHIN))
+        return bool(await ui.run_javascript(f"(tellLink({json.dumps(text)}), linkCopied)", timeout=ANSWER_WITHIN))
     except TimeoutError:
         return False
+
+
+def _show_link(link: str) -> None:
+    """For the person to copy by hand."""
+    with ui.dialog(value=True) as dialog, ui.card().classes("vs-dialog"):
+        ui.label("not copied: browsers allow it on HTTPS and localhost only; copy the link from here")
+        ui.input("link to this scene", value=link).props("readonly dense autofocus").classes("w-full")
+        ui.button("close", on_click=dialog.close).props("flat no-caps")
+    dialog.on("hide", dialog.delete)
