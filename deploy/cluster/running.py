@@ -1,7 +1,9 @@
 """A cluster brought up, asked after and brought down, machine by machine, all machines at once."""
 
+import math
 import socket
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, wait
@@ -120,6 +122,7 @@ class RunningCluster:
             wanted = ordered(self.cluster, state.listen_port)
             due = set(anew) or {one.order.name for one in wanted} - known.keys()
             missing = [one for one in wanted if one.order.name in due]
+            state = msgspec.structs.replace(state, not_ended_since={})
             self.folder.save(state)
             failed = self._start(state, missing, report, known)
             state = msgspec.structs.replace(state, servers=tuple(known.values()))
@@ -211,7 +214,10 @@ class RunningCluster:
         return told
 
     def down(self, report: Report) -> None:
-        """End every server. Raises BadInput, which names those machines that do not answer; they stay remembered."""
+        """End every server. Raises BadInput, which names those machines that do not answer.
+
+        They stay remembered for as long as their servers stay without a client.
+        """
         with self.folder.locked():
             state = self.folder.load()
             if state is None:
@@ -221,12 +227,21 @@ class RunningCluster:
             cluster = cluster_from_toml(state.file, str(self.path))
             self._check_is_here(state, cluster)
             failed = self._stop(cluster, state.servers, report)
-            if not failed:
+            now = time.time()
+            since = {number: min(state.not_ended_since.get(number, now), now) for number in failed}
+            left = {number: cluster.keep - (now - since[number]) for number in failed}
+            due = {number: seconds for number, seconds in left.items() if seconds > 0}
+            for number in left.keys() - due.keys():
+                report(f"{failed[number]}; its servers have ended by themselves, after {cluster.keep:g} s")
+            if not due:
                 self.folder.forget()
                 return
-            left = tuple(one for one in state.servers if one.machine in failed)
-            self.folder.save(msgspec.structs.replace(state, servers=left))
-        raise BadInput(f"not everything is down: {'; '.join(failed.values())}; run it again when they answer")
+            servers = tuple(one for one in state.servers if one.machine in due)
+            self.folder.save(msgspec.structs.replace(state, servers=servers, not_ended_since=since))
+        raise BadInput(
+            f"not everything is down: {'; '.join(failed[number] for number in due)}; run it again when they answer, or "
+            f"in {math.ceil(max(due.values()))} s: their servers have ended by themselves then"
+        )
 
     def _stop(
         self, cluster: Cluster, servers: Collection[KnownServer], report: Report = lambda line: None

@@ -36,6 +36,7 @@ class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     listen_port: int  # where clients listen for servers that dial in
     host: str = ""  # the machine whose servers those of the launcher `local` are
     servers: tuple[KnownServer, ...] = ()
+    not_ended_since: dict[int, float] = {}  # time.time() of the first `down` to which a machine did not answer
 
 
 class ClusterBusy(BadInput):
