@@ -1,7 +1,7 @@
 """Which servers a cluster file asks for: their names, their arguments, and where a client finds each."""
 
 import socket
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
@@ -18,20 +18,33 @@ NOBODY = "192.0.2.1"  # an address for documents (RFC 5737): the way to it is th
 DISCARD_PORT = 9  # to find a route nothing is sent, so any will do
 
 
+class Wanted(NamedTuple):
+    """A server that the file asks for."""
+
+    name: str
+    program: Program
+    machine: int  # its place in the cluster file
+
+
 class Ordered(NamedTuple):
     order: ServerOrder
     machine: int  # its place in the cluster file
     wait_at: Address | None  # where clients dial it; None: it dials them
 
 
-def ordered(cluster: Cluster, listen_port: int) -> list[Ordered]:
-    """All servers, machine by machine. Raises BadInput where no address can be found."""
-    titles = _titles(cluster)
+def wanted_servers(cluster: Cluster) -> list[Wanted]:
+    """All of them, machine by machine."""
     return [
-        one
-        for number, machine in enumerate(cluster.machines)
-        for one in _of_machine(cluster, number, titles[number], listen_port)
+        Wanted(f"{title} {SHORT[program]}" + (f" {n + 1}" if count > 1 else ""), program, number)
+        for number, (machine, title) in enumerate(zip(cluster.machines, _titles(cluster), strict=True))
+        for program in (Program.SPLAT_SERVER, Program.MAPSHADE_SERVER)
+        for count in (_count(machine, program),)
+        for n in range(count)
     ]
+
+
+def _count(machine: Machine, program: Program) -> int:
+    return machine.splat_servers if program is Program.SPLAT_SERVER else machine.map_shade_servers
 
 
 def _titles(cluster: Cluster) -> list[str]:
@@ -40,42 +53,41 @@ def _titles(cluster: Cluster) -> list[str]:
     return [title if plain.count(title) == 1 else f"{title}-{n + 1}" for n, title in enumerate(plain)]
 
 
-def _of_machine(cluster: Cluster, number: int, title: str, listen_port: int) -> Iterator[Ordered]:
+def orders_of(cluster: Cluster, servers: Sequence[Wanted], listen_port: int) -> Iterator[Ordered]:
+    """Of all servers of one machine. Raises BadInput where no address can be found.
+
+    Asks once for all of them: ssh is started for it, and names are looked up.
+    """
+    number = servers[0].machine
     machine = cluster.machines[number]
-    carried = splat_ports(cluster, listen_port).get(number, ())
+    carried = iter(splat_ports(cluster, listen_port).get(number, ()))
     waits, metrics = machine.listens_at, machine.metrics_at
-    # Asked once for all servers: ssh is started for it, and names are looked up.
     client = client_address(cluster, machine, listen_port) if waits is None else ""
     listens = _data_links(cluster, machine) if machine.splat_servers else LOOPBACK
     dialled_at = _reached_at(machine, waits) if waits is not None else ""
-    for program, count in (
-        (Program.SPLAT_SERVER, machine.splat_servers),
-        (Program.MAPSHADE_SERVER, machine.map_shade_servers),
-    ):
-        for n in range(count):
-            name = f"{title} {SHORT[program]}" + (f" {n + 1}" if count > 1 else "")
-            arguments = ["--name", name, "--resident"]
-            arguments += ["--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
-            arguments += cluster.encryption.options
-            arguments += [] if cluster.log_format == "text" else ["--log-format", cluster.log_format]
-            if waits is None:
-                arguments += ["--connect", client]
-                dialled = None
-            else:
-                arguments += ["--wait-at", str(waits)]
-                dialled = waits._replace(host=dialled_at)
-                waits = waits._replace(port=waits.port + 1)
-            if metrics is not None and machine.metrics_token is not None:
-                arguments += ["--metrics", str(metrics), "--metrics-token", machine.metrics_token]
-                metrics = metrics._replace(port=metrics.port + 1)
-            arguments += _cores(machine, count)
-            if program is Program.SPLAT_SERVER:
-                port = carried[n] if carried else 0
-                arguments += ["--listen", str(Address(listens, port))] if listens != LOOPBACK or port else []
-                arguments += ["--advertise", machine.advertise] if machine.advertise else []
-            elif machine.data_root:
-                arguments += ["--data-root", machine.data_root]
-            yield Ordered(ServerOrder(name, program, tuple(arguments)), number, dialled)
+    for name, program, _ in servers:
+        arguments = ["--name", name, "--resident"]
+        arguments += ["--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
+        arguments += cluster.encryption.options
+        arguments += [] if cluster.log_format == "text" else ["--log-format", cluster.log_format]
+        if waits is None:
+            arguments += ["--connect", client]
+            dialled = None
+        else:
+            arguments += ["--wait-at", str(waits)]
+            dialled = waits._replace(host=dialled_at)
+            waits = waits._replace(port=waits.port + 1)
+        if metrics is not None and machine.metrics_token is not None:
+            arguments += ["--metrics", str(metrics), "--metrics-token", machine.metrics_token]
+            metrics = metrics._replace(port=metrics.port + 1)
+        arguments += _cores(machine, _count(machine, program))
+        if program is Program.SPLAT_SERVER:
+            port = next(carried, 0)
+            arguments += ["--listen", str(Address(listens, port))] if listens != LOOPBACK or port else []
+            arguments += ["--advertise", machine.advertise] if machine.advertise else []
+        elif machine.data_root:
+            arguments += ["--data-root", machine.data_root]
+        yield Ordered(ServerOrder(name, program, tuple(arguments)), number, dialled)
 
 
 def _cores(machine: Machine, servers: int) -> list[str]:
@@ -130,7 +142,10 @@ def everywhere_for(cluster: Cluster, machines: Iterable[Machine]) -> str:
 
 
 def _everywhere_on(machine: Machine) -> str:
-    host = host_name(machine)
+    try:
+        host = host_name(machine)
+    except BadInput:  # told of this machine itself
+        return EVERYWHERE
     return EVERYWHERE if host is None else _everywhere(host)
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from volsplat.deploy.cluster.orders import Ordered, everywhere_for, ordered
+from volsplat.deploy.cluster.orders import Wanted, everywhere_for, orders_of, wanted_servers
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
@@ -119,14 +119,13 @@ class RunningCluster:
             living = [one for one in asked if said[one.started.name].state is not ServerState.ENDED]
             self._stop(self.cluster, living if anew else [])
             known = {one.started.name: one for one in (state.servers if anew else living)}
-            wanted = ordered(self.cluster, state.listen_port)
-            due = set(anew) or {one.order.name for one in wanted} - known.keys()
-            missing = [one for one in wanted if one.order.name in due]
+            wanted = wanted_servers(self.cluster)
+            due = set(anew) or {one.name for one in wanted} - known.keys()
             state = msgspec.structs.replace(state, not_ended_since={})
             self.folder.save(state)
-            failed = self._start(state, missing, report, known)
+            failed = self._start(state, wanted, due, report, known)
             state = msgspec.structs.replace(state, servers=tuple(known.values()))
-            self._remember(state, {one.order.name for one in missing})
+            self._remember(state, due)
         if failed:
             raise BadInput("; ".join(failed))
         return state
@@ -140,14 +139,20 @@ class RunningCluster:
             raise
 
     def _start(
-        self, state: ClusterState, missing: list[Ordered], report: Report, known: dict[str, KnownServer]
+        self,
+        state: ClusterState,
+        wanted: Collection[Wanted],
+        due: Collection[str],
+        report: Report,
+        known: dict[str, KnownServer],
     ) -> list[str]:
         """Add what was started to `known`, and remember it as soon as it is; what failed is in the answer."""
         secrets = Secrets(self.token)
         remembering = threading.Lock()
 
         def start(number: int) -> None:
-            orders = [one for one in missing if one.machine == number]
+            every = orders_of(self.cluster, [one for one in wanted if one.machine == number], state.listen_port)
+            orders = [one for one in every if one.order.name in due]
             launcher = self._launcher(self.cluster, number)
             started = launcher.start([one.order for one in orders], secrets, report)
             found = [
@@ -165,7 +170,7 @@ class RunningCluster:
                     msgspec.structs.replace(state, servers=tuple(known.values())), {one.order.name for one in orders}
                 )
 
-        results = _on_all(sorted({one.machine for one in missing}), start)
+        results = _on_all(sorted({one.machine for one in wanted if one.name in due}), start)
         return [result.reason for result in results.values() if isinstance(result, Failed)]
 
     def wanted(self, state: ClusterState) -> int:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support.programs.clusters import ordered
 from volsplat.deploy.cluster import orders
-from volsplat.deploy.cluster.orders import ordered
 from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
 from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.protocol.text.errors import BadInput

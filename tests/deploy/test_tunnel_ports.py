@@ -3,7 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.deploy.cluster.orders import Ordered, ordered
+from support.programs.clusters import ordered
+from volsplat.deploy.cluster.orders import Ordered
 from volsplat.deploy.cluster_file import Cluster, Machine
 from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.deploy.server_command import Program

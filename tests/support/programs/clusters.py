@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
 
 import msgspec
@@ -15,6 +16,8 @@ import pytest
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
+from volsplat.deploy.cluster.orders import Ordered, orders_of, wanted_servers
+from volsplat.deploy.cluster_file import Cluster
 
 SSHD = shutil.which("sshd") or "/usr/sbin/sshd"
 
@@ -24,6 +27,12 @@ def cluster_file(folder: Path, name: str, *machines: str, keep: int = 600) -> Pa
     tables = "\n".join(f"[[machines]]\n{machine}" for machine in machines)
     path.write_text(f'name = "{name}"\nkeep = {keep}\n{tables}\n', encoding="utf-8")
     return path
+
+
+def ordered(cluster: Cluster, listen_port: int) -> list[Ordered]:
+    """What `deploy up` orders for all machines."""
+    by_machine = groupby(wanted_servers(cluster), lambda one: one.machine)
+    return [one for _, servers in by_machine for one in orders_of(cluster, list(servers), listen_port)]
 
 
 def handles(person: Person) -> list[dict[str, str]]:
