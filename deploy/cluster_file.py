@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from volsplat.deploy.launcher_keys import DaskKeys, KubernetesKeys, SlurmKeys, SshKeys
+from volsplat.deploy.server_command import first_word
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
@@ -166,6 +167,7 @@ def _check(cluster: Cluster, name: str) -> None:
         place = f"{name}: machines[{number}]"
         _checked(f"{place}.listen", machine.listen, parse_address)
         _checked(f"{place}.metrics", machine.metrics, parse_address)
+        _checked(f"{place}.command", machine.command, first_word)
         _checked(f"{place}.memory", machine.memory, lambda text: bytes_from_option("memory", text))
         _check_ports(f"{place}.listen", machine.listens_at, machine)
         _check_ports(f"{place}.metrics", machine.metrics_at, machine)

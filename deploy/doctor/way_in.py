@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.doctor.finding import Finding
+from volsplat.deploy.launchers.shell import command_check
 from volsplat.deploy.launchers.ssh import run_there, ssh_config
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import one_line
@@ -63,11 +64,7 @@ def _directly(host: str, config: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _inside(machine: Machine, host: str) -> Iterator[Finding]:
-    first = machine.command.split()[0]
-    script = (
-        f'date +%s.%N\ncommand -v {first} >/dev/null || {{ echo "{first} is not there"; exit 3; }}\n'
-        f"{machine.command} --version 2>&1\n"
-    )
+    script = f"{command_check(machine.command)}date +%s.%N\n{machine.command} --version 2>&1\n"
     before = time.time()
     try:
         said = run_there(machine, script, "").splitlines()

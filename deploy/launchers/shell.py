@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState, StartedServer
 from volsplat.deploy.launchers.log_files import file_name
+from volsplat.deploy.server_command import first_word
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
@@ -83,11 +84,7 @@ class ShellServers(NamedTuple):
 def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequence[str]) -> str:
     parts = [PROCESS_FUNCTIONS, "umask 077\n", f"IFS= read -r {TOKEN_VARIABLE}\nexport {TOKEN_VARIABLE}\n"]
     parts += [f'd="{_FOLDER}/"{shlex.quote(cluster)}\nmkdir -p "$d" || exit 1\n']
-    parts += [
-        f"first={command.split()[0]}\n"
-        'command -v "$first" >/dev/null || { printf "%s is not there\\n" "$first"; exit 3; }\n'
-        for command in dict.fromkeys(commands)
-    ]
+    parts += map(command_check, dict.fromkeys(commands))
     parts += map(_root_check, dict.fromkeys(filter(None, map(_data_root, orders))))
     logs = [f"{file_name(order.name)}.log" for order in orders]
     parts += [f'true >> "$d"/{log} || {{ printf "%s cannot be written\n" "$d"/{log}; exit 1; }}\n' for log in logs]
@@ -98,6 +95,14 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
             f'printf "%s\\t%s\\t%s\\n" $! "$(began $!)" "$d"/{log}\n'
         )
     return "".join(parts)
+
+
+def command_check(command: str) -> str:
+    """Ends the script with status 3 where what is to be called is not there."""
+    return (
+        f"first={first_word(command)}\n"
+        'command -v "$first" >/dev/null || { printf "%s is not there\\n" "$first"; exit 3; }\n'
+    )
 
 
 def _data_root(order: ServerOrder) -> str | None:

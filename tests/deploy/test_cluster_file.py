@@ -63,6 +63,8 @@ def test_every_key_is_read() -> None:
         ('listen = "0.0.0.0:7100"', 'listen = "7100"', "machines[0].listen: '7100' is not an address"),
         ('listen = "0.0.0.0:7100"', 'listen = "0.0.0.0:65534"', "leaves no room for 3 servers"),
         ('memory = "8G"', 'memory = "much"', "machines[0].memory: memory much: give a size"),
+        ('command = "volsplat"', 'command = "\'/my env/volsplat"', 'machines[0].command: "\'/my env/volsplat" cannot'),
+        ('command = "volsplat"', 'command = " "', "machines[0].command: ' ' cannot be called"),
         ('client = "desk.lab:7000"', 'client = "desk.lab:0"', "client: 'desk.lab:0': servers cannot dial port 0"),
         ('name = "lab"', 'name = "../lab"', "name: '../lab' cannot be used"),
         ('name = "lab"', "", "name: this key is missing"),

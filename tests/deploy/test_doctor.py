@@ -17,6 +17,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.deploy.cluster_file import read_cluster
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
+from volsplat.deploy.doctor.way_in import way_in
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.ports import Way
 from volsplat.deploy.tunnels.tunnel import Tunnel
@@ -93,6 +94,17 @@ def test_what_a_login_shell_prints_as_it_starts_is_passed_over(person: Person, t
             assert person.runs("deploy", "down", path).returncode == 0
         named = wrong(person, machine.replace("/volsplat", "/no-volsplat"))
         assert "no-volsplat is not there; give command" in named and "Welcome" not in named and "users" not in named
+
+
+def test_a_command_in_a_folder_with_a_space_is_found(person: Person, ssh: str) -> None:
+    (installed,) = re.findall('command = "(.*)"', ssh)
+    (person.folder / "my env").symlink_to(Path(installed).parent)
+    quoted = ssh.replace(f'"{installed}"', f"\"'{person.folder}/my env/volsplat'\"")
+    (machine,) = read_cluster(cluster_file(person.folder, "spaces", BOTH + quoted)).machines
+    assert [finding.line for finding in way_in(machine) if not finding.right] == []
+    (missing,) = read_cluster(cluster_file(person.folder, "spaces", BOTH + quoted.replace("my env", "no env"))).machines
+    (finding,) = (finding for finding in way_in(missing) if not finding.right)
+    assert finding.line.startswith(f"{person.folder}/no env/volsplat is not there; give command")
 
 
 def test_servers_that_are_up_are_asked_and_stay_up(person: Person) -> None:

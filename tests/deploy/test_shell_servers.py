@@ -80,6 +80,15 @@ def test_a_command_that_is_not_there_is_named(servers: ShellServers) -> None:
         started(servers, "/", r"'no\name'")
 
 
+@pytest.mark.parametrize("command", ["'{home}/my env/volsplat' now", "~/'my env'/volsplat", "~/my\\ env/volsplat x"])
+def test_a_command_may_lie_in_a_folder_with_a_space(servers: ShellServers, tmp_path: Path, command: str) -> None:
+    program = tmp_path / "my env" / "volsplat"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\necho begun\n", encoding="utf-8")
+    program.chmod(0o755)
+    assert started(servers, "/", command.format(home=tmp_path)) == "begun"
+
+
 def test_the_last_line_of_a_log_is_told_as_it_stands(servers: ShellServers) -> None:
     order = ServerOrder("node splat", Program.SPLAT_SERVER, (r"at C:\new", r"\c"))
     each = servers.start([order], ["printf '%s %s\\n'"], Secrets(new_token()))
