@@ -47,6 +47,7 @@ class ClusterWatch:
     ) -> None:
         self._running, self._tunnels, self._links = running, tunnels, links
         self._reasons, self._report = reasons, report
+        self._state = state  # as of the beginning
         self._known = {one.started.name: one for one in state.servers}
         self._missing_since: dict[str, float] = {}  # time.monotonic()
         self._restarts = defaultdict[str, RestartLimit](RestartLimit)
@@ -158,9 +159,10 @@ class ClusterWatch:
                 return
             try:
                 try:
-                    self._running.up(self._report, anew=names)
+                    self._running.up_anew(self._state, names, self._report)
                 finally:
-                    if (state := self._running.state()) is not None:
+                    state = self._running.state()
+                    if state is not None and state.mark == self._state.mark:
                         self._known = {one.started.name: one for one in state.servers}
             except VolsplatError as error:
                 self._report(str(error))

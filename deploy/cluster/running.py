@@ -10,11 +10,12 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from random import SystemRandom
+from secrets import token_hex
 from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from volsplat.deploy.cluster.orders import Wanted, everywhere_for, orders_of, wanted_servers
+from volsplat.deploy.cluster.orders import everywhere_for, orders_of, wanted_servers
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
@@ -104,28 +105,46 @@ class RunningCluster:
                 f"end by themselves after {cluster.keep:g} s without a client"
             )
 
-    def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
-        """Start what is missing; or, in the place of the servers named `anew` alone, others, once these have ended.
-
-        Raises BadInput, which names every machine that failed; the others are up then. One of `anew` whose place
-        nobody has taken stays known as one that has ended.
-        """
+    def up(self, report: Report) -> ClusterState:
+        """Start what is missing. Raises BadInput, which names every machine that failed; the others are up then."""
         with self.folder.locked():
             state = self.state() or ClusterState(
-                file=self._text, listen_port=_free_port(self.cluster), host=socket.gethostname()
+                file=self._text,
+                listen_port=_free_port(self.cluster),
+                mark=token_hex(8),
+                host=socket.gethostname(),
             )
-            asked = [one for one in state.servers if not anew or one.started.name in anew]
+            said = self._states(self.cluster, state.servers)
+            living = [one for one in state.servers if said[one.started.name].state is not ServerState.ENDED]
+            due = {one.name for one in wanted_servers(self.cluster)} - {one.started.name for one in living}
+            return self._brought_up(state, living, due, report)
+
+    def up_anew(self, known: ClusterState, names: Collection[str], report: Report) -> ClusterState:
+        """Start others in the place of the servers of these names, once these have ended, if it is up as it is `known`.
+
+        Raises BadInput as up(). One whose place nobody has taken stays known as one that has ended.
+        """
+        with self.folder.locked():
+            state = self.state()
+            if state is None or state.mark != known.mark or state.not_ended_since:
+                raise BadInput(
+                    f"no server of the cluster {self.cluster.name} is started anew: another command has brought it down"
+                )
+            asked = [one for one in state.servers if one.started.name in names]
             said = self._states(self.cluster, asked)
-            living = [one for one in asked if said[one.started.name].state is not ServerState.ENDED]
-            self._stop(self.cluster, living if anew else [])
-            known = {one.started.name: one for one in (state.servers if anew else living)}
-            wanted = wanted_servers(self.cluster)
-            due = set(anew) or {one.name for one in wanted} - known.keys()
-            state = msgspec.structs.replace(state, not_ended_since={})
-            self.folder.save(state)
-            failed = self._start(state, wanted, due, report, known)
-            state = msgspec.structs.replace(state, servers=tuple(known.values()))
-            self._remember(state, due)
+            self._stop(self.cluster, [one for one in asked if said[one.started.name].state is not ServerState.ENDED])
+            return self._brought_up(state, state.servers, set(names), report)
+
+    def _brought_up(
+        self, state: ClusterState, servers: Collection[KnownServer], due: Collection[str], report: Report
+    ) -> ClusterState:
+        """Beside these servers start those of the names that are due."""
+        known = {one.started.name: one for one in servers}
+        state = msgspec.structs.replace(state, not_ended_since={})
+        self.folder.save(state)
+        failed = self._start(state, due, report, known)
+        state = msgspec.structs.replace(state, servers=tuple(known.values()))
+        self._remember(state, due)
         if failed:
             raise BadInput("; ".join(failed))
         return state
@@ -139,16 +158,12 @@ class RunningCluster:
             raise
 
     def _start(
-        self,
-        state: ClusterState,
-        wanted: Collection[Wanted],
-        due: Collection[str],
-        report: Report,
-        known: dict[str, KnownServer],
+        self, state: ClusterState, due: Collection[str], report: Report, known: dict[str, KnownServer]
     ) -> list[str]:
         """Add what was started to `known`, and remember it as soon as it is; what failed is in the answer."""
         secrets = Secrets(self.token)
         remembering = threading.Lock()
+        wanted = wanted_servers(self.cluster)
 
         def start(number: int) -> None:
             every = orders_of(self.cluster, [one for one in wanted if one.machine == number], state.listen_port)

@@ -34,6 +34,7 @@ class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
 class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     file: str  # the cluster file as of `up`
     listen_port: int  # where clients listen for servers that dial in
+    mark: str = ""  # tells it from the same cluster brought up at another time
     host: str = ""  # the machine whose servers those of the launcher `local` are
     servers: tuple[KnownServer, ...] = ()
     not_ended_since: dict[int, float] = {}  # time.time() of the first `down` to which a machine did not answer

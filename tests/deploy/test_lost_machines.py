@@ -3,11 +3,14 @@
 import os
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from support.patience import wait_until
 from support.programs.clusters import cluster_file, servers_of, sshd
 from support.programs.programs import Person
+from volsplat.deploy.cluster.running import RunningCluster
+from volsplat.protocol.text.errors import BadInput
 
 BOTH_KINDS = 'launcher = "local"\nthreads = 1\nmap-shade-servers = 1\nsplat-servers = 1\n'
 
@@ -58,3 +61,30 @@ def test_a_machine_that_cannot_be_looked_up_is_one_that_could_not_be_started(
         assert person.runs("deploy", "up", path).returncode == 2
     finally:
         assert person.runs("deploy", "down", path).returncode == 0
+
+
+def test_servers_that_another_command_has_ended_are_not_started_anew(person: Person) -> None:
+    """By a client that draws with them, nor in another command's cluster of the same file."""
+    path = cluster_file(person.folder, f"ended-{os.getpid()}", BOTH_KINDS)
+    drawing = RunningCluster(path)
+    state = drawing.up(print)
+    name = state.servers[0].started.name
+    RunningCluster(path).down(print)
+    with pytest.raises(BadInput, match="another command has brought it down"):
+        drawing.up_anew(state, [name], print)
+    assert drawing.state() is None and not servers_of(person)
+    another = RunningCluster(path).up(print)
+    try:
+        with pytest.raises(BadInput, match="another command has brought it down"):
+            drawing.up_anew(state, [name], print)
+        assert drawing.state() == another
+        drawing.folder.save(msgspec.structs.replace(another, not_ended_since={0: 1.0}))  # a `down` that did not do
+        with pytest.raises(BadInput, match="another command has brought it down"):
+            drawing.up_anew(another, [name], print)
+        drawing.folder.save(another)
+        anew = drawing.up_anew(another, [name], print)
+        assert [one.started.name for one in anew.servers] == [one.started.name for one in another.servers]
+        kept = [before == now for before, now in zip(another.servers, anew.servers, strict=True)]
+        assert kept == [False, True]
+    finally:
+        RunningCluster(path).down(print)
