@@ -22,6 +22,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.packet_store import STORED, PacketStore, is_store, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.description.scene import Refine
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
@@ -324,3 +325,17 @@ def test_without_zarr_it_says_what_to_install(place: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(BadInput, match=r"needs zarr, which is not installed: pip install 'volsplat\[formats\]'"):
         open_store(str(place))
+
+
+@pytest.mark.parametrize("part", ["#0", "/0", "/bricks", "#bricks/0"])
+def test_what_is_within_a_store_is_no_volume(tmp_path: Path, part: str) -> None:
+    """Its numbers are packets, of which a picture could be made."""
+    store_of(tmp_path, values_of("uint8"))
+    with pytest.raises(BadInput, match="is of a packet store, which `volsplat prepare` has made"):
+        open_volume(f"{tmp_path / 'volume.zarr'}{part}")
+
+
+def test_a_store_is_not_prepared_again(tmp_path: Path) -> None:
+    store_of(tmp_path, values_of("uint8"))
+    with pytest.raises(BadInput, match="the volume that it was made from"):
+        prepare_small(tmp_path / "volume.zarr", tmp_path / "again.zarr")
