@@ -10,7 +10,7 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.counts import Counts
-from volsplat.program.help_examples import examples
+from volsplat.program.help_examples import HELP, examples
 from volsplat.program.memory_budget import MemoryBudget
 from volsplat.program.memory_promises import MemoryPromises
 from volsplat.program.server_process import (
@@ -42,6 +42,7 @@ EXAMPLE = examples("volsplat mapshade-server --connect desk:7411 --data-root /sc
 @click.command(
     "volsplat mapshade-server",
     epilog=EXAMPLE,
+    context_settings=HELP,
 )
 @client_options
 @click.option("--threads", type=THREADS, help="Threads that walk (cores).")

@@ -1,4 +1,8 @@
-"""The lines to type at the end of a command's help."""
+"""What the helps of all commands have alike: how they are asked for, and the lines to type at their end."""
+
+from typing import Any
+
+HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}  # of click's context
 
 
 def examples(*lines: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from volsplat.program.counts import Counts
-from volsplat.program.help_examples import examples
+from volsplat.program.help_examples import HELP, examples
 from volsplat.program.server_process import (
     THREADS,
     address_option,
@@ -45,6 +45,7 @@ EXAMPLE = examples("volsplat splat-server --connect desk:7411 --listen node1:741
 @click.command(
     "volsplat splat-server",
     epilog=EXAMPLE,
+    context_settings=HELP,
 )
 @client_options
 @click.option(

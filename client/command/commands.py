@@ -18,6 +18,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.caller.meant import meant
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
+from volsplat.program.help_examples import HELP
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
 from volsplat.program.many_imports import many_imports
 from volsplat.protocol.text.errors import BadInput
@@ -145,7 +146,7 @@ def _becoming(name: str, program: str) -> click.Command:
 
 @click.group(
     cls=Commands,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=HELP,
     epilog="\b\nFirst steps:\n  volsplat phantom head -o head.nrrd\n  volsplat view head.nrrd",
 )
 @click.version_option(package_name="volsplat", prog_name="volsplat")

@@ -9,14 +9,18 @@ import click
 
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
-from volsplat.program.help_examples import examples
+from volsplat.program.help_examples import HELP, examples
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.task_pool import PoolOpener
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
 
-@click.command("volsplat prepare", epilog=examples("volsplat prepare scan.nrrd scan.zarr --memory 4G"))
+@click.command(
+    "volsplat prepare",
+    epilog=examples("volsplat prepare scan.nrrd scan.zarr --memory 4G"),
+    context_settings=HELP,
+)
 @click.argument("volume")
 @click.argument("out", metavar="OUT.zarr", type=click.Path(path_type=Path))
 @click.option("--window", metavar="LOW,HIGH", help="Values that become density 0 and 255 (chosen from the data).")
