@@ -17,6 +17,7 @@ from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, quick
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
+from volsplat.program.option_types import Seconds
 from volsplat.program.place_failures import place_failure
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
@@ -58,11 +59,11 @@ client_options = together(
         type=click.Path(path_type=Path),
         help="File with the session token, - for stdin (VOLSPLAT_TOKEN).",
     ),
-    click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60)."),
+    click.option("--patience", type=Seconds(0), default=60.0, help="Seconds to wait for the client (60)."),
     click.option("--resident", is_flag=True, help="Serve one client after the other, and keep what was read."),
     click.option(
         "--keep",
-        type=click.FloatRange(min=0, min_open=True),
+        type=Seconds(0, least_open=True),
         default=600.0,
         metavar="SECONDS",
         help="End after so long without a client, if resident (600).",
@@ -93,7 +94,7 @@ tls_option = click.option(
 )
 silence_option = click.option(
     "--silence",
-    type=click.FloatRange(LEAST_SILENCE, MOST_SILENCE),
+    type=Seconds(LEAST_SILENCE, MOST_SILENCE),
     default=SILENCE_SECONDS,
     help=f"Seconds until a silent server counts as lost; a client, {HELD:g} times as many ({SILENCE_SECONDS:g}).",
 )

@@ -27,7 +27,7 @@ from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
-from volsplat.client.movie.movie_formats import check_clear, check_movie_writable, movie_files
+from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_movie_writable, movie_files
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.text.errors import BadInput
@@ -51,7 +51,9 @@ from volsplat.protocol.text.errors import BadInput
 @trace_option
 @headed(
     "How it moves",
-    click.option("--frames", type=click.IntRange(min=1), default=120, help="How many images make the movie (120)."),
+    click.option(
+        "--frames", type=click.IntRange(1, MOST_FRAMES), default=120, help="How many images make the movie (120)."
+    ),
     click.option("--rate", type=click.IntRange(1, 240), default=30, help="Images a second, in a film (30)."),
     click.option("--axis", type=Words(get_args(TurningAxis)), help="What the volume turns about (screen-y)."),
     click.option(

@@ -43,7 +43,7 @@ NRRD is written while it is made, in little memory, whatever the size.
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
 @click.option("--size", metavar="N|IxJxK", help="Voxels along each axis, as 256 or 48x64x56.")
 @click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
-@click.option("--seed", type=int, default=0, help="Of the noise (0).")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
     check_volume_writable(output)
     check_voxels_apart(output)

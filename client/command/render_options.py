@@ -26,7 +26,7 @@ from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.description.scene_keys import KEYS
 from volsplat.protocol.description.view_rotation import rotation_from_option
-from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume import LONGEST_AXIS, Index
 from volsplat.protocol.geometry.upright import UPS
 from volsplat.protocol.text.errors import BadInput
 
@@ -168,10 +168,23 @@ def _bounds_from_option(text: str) -> tuple[Index, Index]:
     """Half-open bounds from I0:I1,J0:J1,K0:K1; an empty side reaches to the volume's face. Raises BadInput."""
     match = re.fullmatch(r"(\d*):(\d*),(\d*):(\d*),(\d*):(\d*)", text)
     if match is None:
-        raise BadInput(f"--bounds {text}: give LOW:HIGH for i, j and k, as in 0:48,:,10:100; HIGH is left out")
+        raise BadInput(
+            f"--bounds {text}: give LOW:HIGH for i, j and k, whole numbers from 0, as in 0:48,:,10:100; voxel HIGH "
+            "itself is not drawn"
+        )
+    if max(map(len, match.groups(""))) > len(str(LONGEST_AXIS)):
+        raise BadInput(f"--bounds {text}: no volume is longer than {LONGEST_AXIS} voxels")
     low = [int(match[n] or 0) for n in (1, 3, 5)]
     high = [int(match[n] or -1) for n in (2, 4, 6)]
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+
+def _zoom_from_option(text: str) -> tuple[float | str]:
+    """A number of pixels, or "fit". Raises BadInput."""
+    try:
+        return ("fit" if text.strip().lower() == "fit" else float(text),)
+    except ValueError as error:
+        raise BadInput(f"--zoom {text}: give pixels a voxel, as in 2.5, or fit") from error
 
 
 def _window_from_option(text: str) -> tuple[tuple[float, float]]:
@@ -218,7 +231,7 @@ FITTED = {"view.zoom", "view.center"}
 SCENE_OPTIONS = {
     "--size": SceneOption(
         ("image.width", "image.height"),
-        "Image size in pixels (512x512); of a figure in print 8.5cm or 8.5x12cm.",
+        "Image size in pixels (512x512); a printed figure's (render, movie) 8.5cm or 8.5x12cm.",
         "WxH",
         size_from_option,
     ),
@@ -234,7 +247,9 @@ SCENE_OPTIONS = {
         "The axis of the volume's space that is up (as its file says, or by a guess; see volsplat info).",
         choices=UPS,
     ),
-    "--zoom": SceneOption(("view.zoom",), "Pixels a voxel; else what is visible fits the image.", "PIXELS"),
+    "--zoom": SceneOption(
+        ("view.zoom",), "Pixels a voxel; else what is visible fits the image.", "PIXELS", _zoom_from_option
+    ),
     "--center": SceneOption(
         ("view.center",),
         "Grid point at the image's centre.",

@@ -31,6 +31,7 @@ from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.client.ui.doors.public_address import PublicAddress
 from volsplat.program.extras import need
 from volsplat.program.many_imports import many_imports
+from volsplat.program.option_types import Seconds
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
 from volsplat.protocol.description.volume_name import volume_name
@@ -67,7 +68,7 @@ GRACE_SECONDS = 600
     ),
     click.option(
         "--grace",
-        type=click.FloatRange(min=0),
+        type=Seconds(0),
         default=GRACE_SECONDS,
         metavar="SECONDS",
         help="End after so many seconds without an open page (600).",

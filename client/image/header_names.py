@@ -22,6 +22,8 @@ DESCRIPTION = 270  # the tag
 def header_names(header: Path) -> list[str]:
     """As they stand there: relative to the header's folder. A line of text may be one. None of what cannot be read."""
     try:
+        if not header.is_file():  # to open a FIFO is to wait for who writes it
+            return []
         with header.open("rb") as file:
             start = file.read(16)
             if tag := TIFF_TAGS.get(start[:4]):

@@ -14,6 +14,9 @@ VIDEO_ENCODERS: dict[str, tuple[str, ...]] = {
 }
 
 
+MOST_FRAMES = 99_999  # their numbers have five digits
+
+
 def frame_image_path(folder: Path, number: int) -> Path:
     """Where a frame's image lies in the folder of a movie, counted from 1."""
     return folder / f"frame-{number:05}.png"

@@ -20,6 +20,7 @@ from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 
 MOST_VOXELS = 1 << 33
+LEAST_STEP = 1e-30  # millimetres, and one over the greatest
 
 PHANTOMS: dict[str, Callable[[Index | None, Vector | None, int], Phantom]] = {
     "head": head,
@@ -54,8 +55,9 @@ def streamed_phantom(name: str, size: Index | None = None, spacing: Vector | Non
         raise BadInput(f"phantom {name}: no such phantom; choose one of {', '.join(PHANTOMS)}")
     if size is not None and (min(size) < 1 or math.prod(size) > MOST_VOXELS):
         raise BadInput(f"phantom {name}: a size of {size} cannot be; give 1 or more voxels on each axis, 2^33 at most")
-    if spacing is not None and not all(math.isfinite(step) and step > 0 for step in spacing):
-        raise BadInput(f"phantom {name}: a spacing of {spacing} cannot be; give three lengths above 0")
+    if spacing is not None and not all(LEAST_STEP <= step <= 1 / LEAST_STEP for step in spacing):
+        lengths = f"{LEAST_STEP:g} to {1 / LEAST_STEP:g}"
+        raise BadInput(f"phantom {name}: a spacing of {spacing} cannot be; give three lengths of {lengths}")
     phantom = PHANTOMS[name](size, spacing, seed)
     return phantom._replace(slabs=_by_one_thread(phantom.slabs))
 

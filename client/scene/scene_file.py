@@ -15,8 +15,10 @@ from volsplat.protocol.description.patches import Patch
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_key import Part, Section, declarations
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
+from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
 
+LONGEST_FILE = 4 << 20  # bytes; a scene has some thousands
 _COMMENT_WIDTH = 110
 _COLOUR_TABLES = ("emit", "refl")
 _SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
@@ -27,7 +29,11 @@ _SHOWN_VALUE = 60  # characters of a refused value that are shown
 def read_scene_file(path: Path, base: Scene) -> Scene:
     """The scene in a TOML file; what the file leaves out is taken from `base`. Raises BadInput, naming the place."""
     try:
-        text = path.read_text(encoding="utf-8-sig")  # editors on Windows begin a file with a mark
+        with path.open("rb") as file:
+            content = file.read(LONGEST_FILE + 1)
+        if len(content) > LONGEST_FILE:
+            raise BadInput(f"{path}: not a scene file: it has more than {bytes_text(LONGEST_FILE)}")
+        text = content.decode("utf-8-sig")  # editors on Windows begin a file with a mark
     except OSError as error:
         raise BadInput(f"{path}: cannot read the scene: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -128,6 +128,9 @@ def test_info_tells_what_else_can_be_named_of_a_file(person: Person) -> None:
 def test_a_phantom_is_told_by_the_help_and_one_that_is_not_there_with_what_was_meant(person: Person) -> None:
     told = person.runs("phantom", "--help").stdout
     assert all(name in told for name in PHANTOMS)
+    for number in (["--seed", str(2**64)], ["--spacing", "1e308,1,1"]):
+        done = person.runs("phantom", "head", "-o", "x.nrrd", "--size", "8", *number)
+        assert (done.returncode, len(one_line(done)) < 200) == (2, True)
     done = person.runs("phantom", "Haed", "-o", "x.nrrd")
     assert done.returncode == 2
     assert "Invalid value for 'NAME': there is no 'Haed' (did you mean head?)" in one_line(done)
@@ -146,7 +149,10 @@ BAD_OPTIONS = {
     "bounds malformed": (["-o", "a.png", "--bounds", "0-9"], "--bounds"),
     "unknown kind of image": (["-o", "a.gif"], ".exr"),
     "folder missing": (["-o", "nowhere/a.png"], "nowhere"),
+    "bounds below 0": (["-o", "a.png", "--bounds", "-1:8,:,:"], "whole numbers from 0"),
+    "bounds without end": (["-o", "a.png", "--bounds", f"{10**20}:,:,:"], "no volume is longer"),
     "zoom zero": (["-o", "a.png", "--zoom", "0"], "zoom"),
+    "zoom in words": (["-o", "a.png", "--zoom", "close"], "pixels a voxel, as in 2.5, or fit"),
     "size": (["-o", "a.png", "--size", "12x"], "--size"),
     "window": (["-o", "a.png", "--window", "5"], "LOW,HIGH"),
     "colour": (["-o", "a.png", "--background", "whit"], "#rrggbb"),
@@ -157,6 +163,8 @@ BAD_OPTIONS = {
     "preset": (["-o", "a.png", "--preset", "CT-bon"], "did you mean ct-bone"),
     "address": (["-o", "a.png", "--listen", "here"], "HOST:PORT"),
     "spawn none": (["-o", "a.png", "--spawn", "none"], "--listen"),
+    "scene without end": (["-o", "a.png", "--scene", "/dev/zero"], "more than 4.0 MiB"),
+    "silence of no number": (["-o", "a.png", "--silence", "nan"], "--silence"),
     "scene missing": (["-o", "a.png", "--scene", "none.toml"], "none.toml"),
     "report is a folder": (["-o", "a.png", "--report", "."], "--report"),
     "steps below a file": (["--steps-dir", "/dev/null/steps"], "--steps-dir"),
@@ -514,6 +522,27 @@ def test_records_go_on_after_what_the_output_holds(person: Person, head: Path, o
     assert not nothing and json.loads(one) and json.loads(other)
     piped = subprocess.run(command, cwd=person.folder, stdout=subprocess.PIPE, check=True, timeout=PATIENCE)
     assert json.loads(piped.stdout)
+
+
+@pytest.mark.parametrize("command", ["render", "prepare", "mapshade-server", "splat-server", "deploy up"])
+def test_a_short_option_asks_for_help_as_well(person: Person, command: str) -> None:
+    assert person.runs(*command.split(), "-h").stdout == person.runs(*command.split(), "--help").stdout != ""
+
+
+def test_a_volume_that_is_a_fifo_is_refused_though_the_output_is_there(person: Person) -> None:
+    """To look whether the output belongs to it is not to wait for who writes it."""
+    os.mkfifo(person.folder / "pipe.nrrd")
+    (person.folder / "a.png").write_bytes(b"an image")
+    done = person.runs("render", "pipe.nrrd", "-o", "a.png", "--single")
+    assert (done.returncode, "pipe.nrrd" in one_line(done)) == (2, True)
+
+
+@pytest.mark.parametrize("option", ["--patience", "--keep"])
+@pytest.mark.parametrize("value", ["nan", "inf", "1e300"])
+def test_a_server_is_not_told_to_wait_for_what_is_no_time(person: Person, option: str, value: str) -> None:
+    for waits in (["--connect", "127.0.0.1:1"], ["--wait-at", "127.0.0.1:0", "--resident"]):
+        done = person.runs("splat-server", *waits, option, value)
+        assert (done.returncode, option in one_line(done)) == (2, True)
 
 
 def test_a_report_into_a_fifo_leaves_it_there(person: Person, head: Path) -> None:

@@ -42,6 +42,8 @@ def person(tmp_path: Path) -> Person:
         ({"background": "white"}, {"background": "white"}),
         ({"background": "#102030"}, {"background": "#102030"}),
         ({"window": "-160,240"}, {"window": (-160.0, 240.0)}),
+        ({"zoom": "2.5"}, {"zoom": 2.5}),
+        ({"zoom": "Fit"}, {"zoom": "fit"}),
         ({"kernel": "cone"}, {"kernel": Kernel.CONE}),
         ({"put": ("shading.specular_power=20", "light.fixed_to = grid")}, {"specular_power": 20.0, "fixed_to": "grid"}),
     ],
@@ -97,7 +99,7 @@ def test_fit_overrules_the_scene_s_zoom_and_centre(tmp_path: Path) -> None:
     assert whole.view.center == tuple((n - 1) / 2 for n in dims)
     assert whole.view.zoom == pytest.approx(0.98 * 64 / math.hypot(*dims))
     with pytest.raises(BadInput, match="leave out --zoom and --center, or --fit"):
-        options(fit="all", zoom=3.0)
+        options(fit="all", zoom="3.0")
 
 
 def test_a_colour_map_colours_what_glows_and_what_is_lit() -> None:
