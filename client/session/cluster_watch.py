@@ -17,6 +17,7 @@ from volsplat.deploy.launchers.launcher import Said, ServerState
 from volsplat.deploy.restart_limit import RestartLimit
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.text.printable import one_line
 
 MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
 UNHEARD_SECONDS = 5.0  # likewise, after which others draw without one whose machine cannot be asked about it …
@@ -51,6 +52,7 @@ class ClusterWatch:
         self._known = {one.started.name: one for one in state.servers}
         self._missing_since: dict[str, float] = {}  # time.monotonic()
         self._restarts = defaultdict[str, RestartLimit](RestartLimit)
+        self._told = ""  # the last line on what went wrong
         self._closed = threading.Event()
         self._starting = threading.Lock()  # held while servers are started anew
 
@@ -132,10 +134,16 @@ class ClusterWatch:
     def _statuses(self) -> list[tuple[KnownServer, Said]]:
         try:
             return self._running.statuses()
-        except VolsplatError as error:
-            if not self._closed.is_set():
-                self._report(str(error))
+        except Exception as error:
+            self._tell(error)
             return []
+
+    def _tell(self, error: Exception) -> None:
+        """Once of the same. One of another kind than ours ends no watch either: nobody would give up, or be started."""
+        line = str(error) if isinstance(error, VolsplatError) else one_line(f"{type(error).__name__}: {error}")
+        if line != self._told and not self._closed.is_set():
+            self._told = line
+            self._report(line)
 
     def _has_ended(self, one: KnownServer, said: Said, is_frozen: bool) -> bool:
         """Whether another is to be started in its place. Notes why it is missing."""
@@ -164,8 +172,8 @@ class ClusterWatch:
                     state = self._running.state()
                     if state is not None and state.mark == self._state.mark:
                         self._known = {one.started.name: one for one in state.servers}
-            except VolsplatError as error:
-                self._report(str(error))
+            except Exception as error:
+                self._tell(error)
 
     @property
     def _asked_where_they_run(self) -> set[str]:

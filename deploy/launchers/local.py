@@ -40,6 +40,7 @@ def _run(script: str, given: str) -> str:
             input=given,
             capture_output=True,
             encoding="utf-8",
+            errors="replace",
             timeout=SHELL_SECONDS,
             start_new_session=True,
         )

@@ -40,7 +40,7 @@ class ShellServers(NamedTuple):
     def start(self, orders: Sequence[ServerOrder], commands: Sequence[str], secrets: Secrets) -> list[StartedServer]:
         """By these commands, as a shell takes them."""
         said = self.run(_start_script(self.cluster, orders, commands), secrets.token.key.decode() + "\n")
-        lines = [line.split("\t") for line in said.splitlines() if line.count("\t") == 2]
+        lines = [line.split("\t") for line in said.split("\n") if line.count("\t") == 2]
         if len(lines) != len(orders):
             raise BadInput(
                 f"{self.place}: the servers cannot be started: {one_line(said)[-300:] or 'nothing was said'}"
@@ -55,11 +55,13 @@ class ShellServers(NamedTuple):
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
         asks = "".join(
             f"if runs {process} {began}; then echo running\n"
-            f'else printf "ended %s\\n" "$(tail -n 1 {log} 2>/dev/null)"; fi\n'
+            f"else printf 'ended %s\\n' \"$(tail -n 1 {log} 2>/dev/null | tr '\\r' ' ')\"; fi\n"
             for process, began, log in map(_quoted, servers)
         )
         try:
-            said = self.ask(PROCESS_FUNCTIONS + asks, "").splitlines()
+            said = self.ask(PROCESS_FUNCTIONS + asks, "").removesuffix("\n").split("\n")
+            if len(said) != len(servers):
+                raise BadInput(f"{self.place}: its shell answers {one_line(' '.join(said))[-300:]!r}")
         except BadInput as error:
             return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
         return {server.name: _said(line) for server, line in zip(servers, said, strict=True)}

@@ -135,7 +135,7 @@ def _accounted(numbers: Iterable[str]) -> dict[str, Job]:
 
 
 def _rows(table: str, columns: int) -> list[list[str]]:
-    rows = [line.split("|") for line in table.splitlines()]
+    rows = [line.split("|") for line in table.split("\n")]
     return [row for row in rows if len(row) == columns]
 
 
@@ -171,6 +171,7 @@ def _asked(command: Sequence[str], given: str = "") -> str:
             input=given,
             capture_output=True,
             encoding="utf-8",
+            errors="replace",
             timeout=SLURM_SECONDS,
             env=environment,
             start_new_session=True,

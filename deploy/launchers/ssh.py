@@ -153,7 +153,7 @@ def ssh_config(machine: Machine) -> dict[str, str]:
     assert machine.host is not None
     command = ["ssh", "-G", *machine.ssh.options, "--", machine.host]
     try:
-        ran = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=CONNECT_SECONDS)
+        ran = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", timeout=CONNECT_SECONDS)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise BadInput(f"{machine.host}: ssh cannot be asked for its address: {error}") from error
     pairs = [line.partition(" ") for line in ran.stdout.splitlines()]

@@ -621,6 +621,29 @@ def test_the_others_draw_without_a_server_that_ends_each_time_that_it_is_started
             assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
+@pytest.mark.parametrize("what", ["statuses", "up_anew"])
+def test_whatever_a_launcher_raises_a_lost_server_is_started_anew_after_it(
+    what: str, person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_watch, "LOOK_SECONDS", 0.1)
+    path = cluster_file(person.folder, f"raises-{os.getpid()}", f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n")
+    does, said, raised = getattr(RunningCluster, what), list[str](), list[str]()
+
+    def does_at_last(running: RunningCluster, *given: object) -> object:
+        if len(raised) < 2:
+            raised.append(what)
+            raise ValueError("not\nexpected")
+        return does(running, *given)
+
+    with Session(person.folder / "head.nrrd", cluster=path, on_progress=said.append) as session:
+        session.default_scene()
+        before = processes(person)
+        monkeypatch.setattr(RunningCluster, what, does_at_last)
+        os.kill(before[0], signal.SIGKILL)
+        wait_until(lambda: len(set(processes(person)) - set(before)) == 1, "started anew")
+    assert sum("ValueError: not expected" in line for line in said) == 1, said
+
+
 def test_a_data_root_that_is_not_there_is_told_as_the_servers_are_started(person: Person) -> None:
     root = person.folder / "it's not there"
     path = cluster_file(

@@ -10,7 +10,7 @@ import pytest
 from support.patience import wait_until
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers import local, ssh
-from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState
+from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState, StartedServer
 from volsplat.deploy.launchers.shell import Run, ShellServers
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
@@ -33,6 +33,14 @@ def by_shell(script: str, given: str) -> str:
     if ran.returncode:
         raise BadInput(ran.stdout)
     return ran.stdout
+
+
+def stands_in_for_ssh(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that runs here what ssh is to run there."""
+    program = folder / "ssh"
+    program.write_text('#!/bin/sh\nwhile [ $# -gt 1 ]; do shift; done\neval "$1"\n', encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
 
 
 def started(servers: ShellServers, data_root: str, command: str = "true") -> str:
@@ -68,10 +76,7 @@ def test_ctrl_c_on_the_terminal_does_not_reach_what_starts_servers(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is for this process, which waits for what it has begun, and remembers it."""
-    program = tmp_path / "ssh"
-    program.write_text('#!/bin/sh\nwhile [ $# -gt 1 ]; do shift; done\neval "$1"\n', encoding="utf-8")
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    stands_in_for_ssh(tmp_path, monkeypatch)
     assert int(run("cut -d ' ' -f 5 /proc/$$/stat", "")) != os.getpgrp()
 
 
@@ -94,3 +99,33 @@ def test_the_last_line_of_a_log_is_told_as_it_stands(servers: ShellServers) -> N
     each = servers.start([order], ["printf '%s %s\\n'"], Secrets(new_token()))
     ended = Said(ServerState.ENDED, r"at C:\new \c")
     wait_until(lambda: servers.states(each) == {order.name: ended}, "told")
+
+
+@pytest.mark.parametrize(
+    ("last", "told"),
+    [
+        (b"10 %\r20 %\n", "10 % 20 %"),
+        ("one\u2028two\n".encode(), "one two"),
+        (b"Sch\xe4del.nrrd: no such file", "Sch\ufffddel.nrrd: no such file"),
+        (b"\x0b\x0c\x1c\x85\n", ""),
+    ],
+)
+@pytest.mark.parametrize("run", [partial(ssh.run_there, NODE), local._run], ids=["ssh", "here"])
+def test_a_log_of_any_bytes_is_told_in_one_line_beside_the_others(
+    run: Run, last: bytes, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stands_in_for_ssh(tmp_path, monkeypatch)
+    log = tmp_path / "log"
+    log.write_bytes(b"before\n" + last)
+    servers = ShellServers(run, run, "here", "lab")
+    each = [StartedServer(name, "here", {"process": "1", "began": "0", "log": str(log)}) for name in "ab"]
+    said = servers.states(each)
+    assert [said[name].state for name in "ab"] == [ServerState.ENDED] * 2
+    assert told in said["b"].reason and len(said["b"].reason.splitlines()) == 1
+    assert servers.logs(each[0], 1)
+
+
+def test_a_shell_that_answers_something_else_tells_of_no_server() -> None:
+    servers = ShellServers(by_shell, lambda script, given: "Welcome\n", "here", "lab")
+    each = [StartedServer(name, "here", {"process": "1", "began": "0", "log": "log"}) for name in "ab"]
+    assert {said.state for said in servers.states(each).values()} == {ServerState.UNKNOWN}
