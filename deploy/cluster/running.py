@@ -18,6 +18,7 @@ import msgspec
 from volsplat.deploy.cluster.orders import everywhere_for, orders_of, wanted_servers
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
+from volsplat.deploy.home_path import home_path
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
 from volsplat.deploy.launchers.table import launcher_of
 from volsplat.deploy.tunnels.ports import last_port
@@ -50,7 +51,13 @@ class RunningCluster:
 
     @property
     def token(self) -> Token:
-        return self.folder.token(self.cluster.token_file)
+        return self.folder.token(self.token_file)
+
+    @property
+    def token_file(self) -> Path:
+        """A relative one lies beside the cluster file. Raises BadInput."""
+        given = self.cluster.token_file
+        return self.folder.own_token_file if given is None else self.path.absolute().parent / home_path(given)
 
     def listens_at(self, state: ClusterState) -> Address:
         """Where a client listens: everywhere if servers of other machines dial in."""

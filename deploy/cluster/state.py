@@ -117,13 +117,17 @@ class StateFolder:
         for name in ("state.json", "token"):
             (self.path / name).unlink(missing_ok=True)
 
-    def token(self, token_file: str | None) -> Token:
-        """The cluster's; made where there is none. Raises BadInput."""
+    @property
+    def own_token_file(self) -> Path:
+        """Where the cluster file names none."""
+        return self.path / "token"
+
+    def token(self, token_file: Path) -> Token:
+        """The cluster's; its own is made where there is none. Raises BadInput."""
         self._make()
-        place = Path(token_file).expanduser() if token_file else self.path / "token"
-        if token_file is None and not place.exists():
-            new_token().write(place)
-        token = find_token({}, place)
+        if token_file == self.own_token_file and not token_file.exists():
+            new_token().write(token_file)
+        token = find_token({}, token_file)
         assert token is not None
         return token
 

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from volsplat.deploy.cluster_file import Machine
+from volsplat.deploy.home_path import home_path
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, ServerState, StartedServer
 from volsplat.program.extras import lacking
 from volsplat.protocol.text.errors import BadInput
@@ -127,7 +128,7 @@ def scheduler_of(machine: Machine) -> dict[str, str]:
         return {"address": machine.dask.scheduler}
     if not machine.dask.scheduler_file:
         raise BadInput('the launcher dask needs dask.scheduler = "tcp://HOST:8786", or dask.scheduler-file')
-    path = Path(machine.dask.scheduler_file).expanduser()
+    path = home_path(machine.dask.scheduler_file)
     if not path.is_file():
         raise BadInput(f"{path}: no such file; dask.scheduler-file is what `dask scheduler --scheduler-file` writes")
     return {"scheduler_file": str(path)}

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import Machine
+from volsplat.deploy.home_path import home_path
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, ServerState, StartedServer
 from volsplat.deploy.launchers.log_files import file_name, last_line, last_lines
 from volsplat.protocol.text.errors import BadInput
@@ -35,7 +36,7 @@ class Job(NamedTuple):
 class SlurmLauncher:
     def __init__(self, machine: Machine, folder: Path) -> None:
         self._machine = machine
-        shared = Path(machine.slurm.folder).expanduser() / folder.name if machine.slurm.folder else folder
+        shared = home_path(machine.slurm.folder) / folder.name if machine.slurm.folder else folder
         self._folder = shared / "slurm"
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:

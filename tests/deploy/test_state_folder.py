@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from support.programs.clusters import cluster_file
+from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import StateFolder
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.tokens import new_token
 
 
 @pytest.fixture
@@ -61,3 +64,46 @@ def test_a_home_without_locks_is_told_with_the_cure(folder: StateFolder, monkeyp
 def test_what_a_command_meets_while_it_changes_a_cluster_is_told_as_it_is(folder: StateFolder) -> None:
     with pytest.raises(BlockingIOError, match="of a socket"), folder.locked():
         raise BlockingIOError("of a socket")
+
+
+BOTH_KINDS = "map-shade-servers = 1\nsplat-servers = 1\n"
+
+
+def of_file(folder: Path, machine: str, *keys: str) -> RunningCluster:
+    path = cluster_file(folder, "lab", f"{machine}\n{BOTH_KINDS}")
+    path.write_text("".join(f"{key}\n" for key in keys) + path.read_text(encoding="utf-8"), encoding="utf-8")
+    return RunningCluster(path)
+
+
+def test_a_relative_token_file_lies_beside_the_cluster_file(
+    folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab, elsewhere, token = tmp_path / "lab", tmp_path / "elsewhere", new_token()
+    lab.mkdir()
+    elsewhere.mkdir()
+    token.write(lab / "secret")
+    cluster = of_file(lab, 'launcher = "local"', 'token-file = "secret"')
+    assert cluster.token.key == token.key
+    monkeypatch.chdir(elsewhere)
+    assert cluster.token.key == token.key
+    monkeypatch.chdir(tmp_path)
+    assert RunningCluster(Path("lab/cluster.toml")).token.key == token.key
+
+
+NOBODY_S = '"~nobody-of-this-name/x"'
+
+
+@pytest.mark.parametrize(
+    ("machine", "keys"),
+    [
+        ('launcher = "local"', [f"token-file = {NOBODY_S}"]),
+        (f'launcher = "slurm"\nslurm.folder = {NOBODY_S}', ['client = "127.0.0.1:7000"']),
+        (f'launcher = "dask"\ndask.scheduler-file = {NOBODY_S}', ['client = "127.0.0.1:7000"']),
+    ],
+    ids=["token", "slurm", "dask"],
+)
+def test_the_home_of_nobody_is_told_in_one_line(
+    folder: StateFolder, tmp_path: Path, machine: str, keys: list[str]
+) -> None:
+    with pytest.raises(BadInput, match=r"^~nobody-of-this-name/x: no such user's home is known here; give"):
+        of_file(tmp_path, machine, *keys).up(print)
