@@ -168,7 +168,7 @@ class RunningCluster:
         self, state: ClusterState, due: Collection[str], report: Report, known: dict[str, KnownServer]
     ) -> list[str]:
         """Add what was started to `known`, and remember it as soon as it is; what failed is in the answer."""
-        secrets = Secrets(self.token)
+        secrets = Secrets(self.token, self.token_file)
         remembering = threading.Lock()
         wanted = wanted_servers(self.cluster)
 

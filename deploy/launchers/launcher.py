@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import msgspec
@@ -46,6 +47,7 @@ class Secrets:
     """What servers must know that nobody else may. Never on a command line, in a log or in an error."""
 
     token: Token
+    token_file: Path  # it lies there, on this machine
 
 
 Report = Callable[[str], None]  # takes one line of progress

@@ -14,13 +14,12 @@ STARTED_BY_HAND = "started by hand; this machine cannot ask after it"
 class ManualLauncher:
     def __init__(self, machine: Machine, folder: Path) -> None:
         self._machine = machine
-        self._token_file = folder / "token"
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         where = self._machine.host or "the other machine"
-        report(f"copy {self._token_file} to {where}, keep it from others' eyes (chmod 600), and type there:")
+        report(f"copy {secrets.token_file} to {where}, keep it from others' eyes (chmod 600), and type there:")
         for order in orders:
-            words = [order.program.command, *order.arguments, "--token-file", "token"]
+            words = [order.program.command, *order.arguments, "--token-file", secrets.token_file.name]
             report(f"{self._machine.command} {shlex.join(words)}")
         return [StartedServer(order.name, where, {}) for order in orders]
 

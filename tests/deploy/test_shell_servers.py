@@ -17,6 +17,7 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.tokens import new_token
 
 NODE = Machine(launcher="ssh", host="node", map_shade_servers=1)
+SECRETS = Secrets(new_token(), Path("token"))
 ODD = r"it's \new \\ $HOME `x` %s"
 
 
@@ -46,7 +47,7 @@ def stands_in_for_ssh(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def started(servers: ShellServers, data_root: str, command: str = "true") -> str:
     """The log of a server of this data-root, once it has ended."""
     order = ServerOrder("node map/shade", Program.MAPSHADE_SERVER, ("--data-root", data_root))
-    each = servers.start([order], [command], Secrets(new_token()))
+    each = servers.start([order], [command], SECRETS)
     wait_until(lambda: servers.states(each)[order.name].state is ServerState.ENDED, "ended")
     return servers.states(each)[order.name].reason
 
@@ -96,7 +97,7 @@ def test_a_command_may_lie_in_a_folder_with_a_space(servers: ShellServers, tmp_p
 
 def test_the_last_line_of_a_log_is_told_as_it_stands(servers: ShellServers) -> None:
     order = ServerOrder("node splat", Program.SPLAT_SERVER, (r"at C:\new", r"\c"))
-    each = servers.start([order], ["printf '%s %s\\n'"], Secrets(new_token()))
+    each = servers.start([order], ["printf '%s %s\\n'"], SECRETS)
     ended = Said(ServerState.ENDED, r"at C:\new \c")
     wait_until(lambda: servers.states(each) == {order.name: ended}, "told")
 

@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import shlex
 from pathlib import Path
 
 import pytest
@@ -88,6 +89,21 @@ def test_a_relative_token_file_lies_beside_the_cluster_file(
     assert cluster.token.key == token.key
     monkeypatch.chdir(tmp_path)
     assert RunningCluster(Path("lab/cluster.toml")).token.key == token.key
+
+
+@pytest.mark.parametrize("keys", [(), ('token-file = "its secret"',)], ids=["own", "given"])
+def test_lines_to_type_by_hand_name_the_token_that_is_there(
+    folder: StateFolder, tmp_path: Path, keys: tuple[str, ...]
+) -> None:
+    new_token().write(tmp_path / "its secret")
+    machine = 'launcher = "manual"\nlisten = "127.0.0.1:7000"'
+    cluster, said = of_file(tmp_path, machine, *keys), list[str]()
+    cluster.up(said.append)
+    copied = Path(said[0].removeprefix("copy ").partition(" to the other machine")[0])
+    assert copied.read_text(encoding="ascii").strip() == cluster.token.key.decode()
+    for line in said[1:]:
+        words = shlex.split(line)
+        assert words[words.index("--token-file") + 1] == copied.name
 
 
 NOBODY_S = '"~nobody-of-this-name/x"'
