@@ -21,6 +21,7 @@ from volsplat.protocol.wire.encryption import Encryption
 LauncherName = Literal["local", "ssh", "dask", "slurm", "kubernetes", "manual"]
 LogFormat = Literal["text", "json"]
 ENGINES = {"dask", "slurm", "kubernetes"}  # choose a place for each server, and give it cores of its own
+BY_HAND = {"kubernetes", "manual"}  # people start and end their servers: no command can ask after these
 Count = Annotated[int, Meta(ge=0, le=1000)]
 Text = Annotated[str, Meta(min_length=1, max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"\A[A-Za-z0-9][A-Za-z0-9._-]*\Z")]

@@ -40,17 +40,27 @@ def deploy() -> None:
 @deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy up lab.toml"))
 @cluster_argument
 def up(cluster: Path) -> None:
-    """Start the servers in CLUSTER, a TOML file, that are not running."""
+    """Start the servers in CLUSTER, a TOML file, that are not running. Status 1 if it is not known whether some are."""
     running = RunningCluster(cluster)
     console = PlainConsole(stderr=True)
     state = running.up(lines_on(console))
-    console.say(f"{running.cluster.name}: {len(state.servers)} servers are up; use them by --cluster {cluster}")
+    by_hand, every = running.not_asked(state), len(state.servers)
+    heard = every - len(by_hand) - len(running.unheard)
+    count = f"{every}" if heard == every else f"{heard} of {every}"
+    others = [*running.unheard.values(), *(f"{title}: cannot be asked" for title in by_hand.values())]
+    told = "".join(f"; {line}" for line in dict.fromkeys(others))
+    console.say(f"{running.cluster.name}: {count} servers are up{told}; use them by --cluster {cluster}")
+    if running.unheard:
+        sys.exit(EXIT_FAILED)
 
 
 @deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy status lab.toml"))
 @cluster_argument
 def status(cluster: Path) -> None:
-    """Show the state of every server. Status 1 if one has ended, was not started, or is still being started."""
+    """Show the state of every server.
+
+    Status 1 if one has ended, was not started, is still being started, or does not answer.
+    """
     running = RunningCluster(cluster)
     statuses, changes = running.statuses(), running.folder.is_locked
     if changes:
@@ -67,9 +77,11 @@ def status(cluster: Path) -> None:
     missing = running.never_started(state) if state is not None else []
     for title, line in missing:
         PlainConsole(stderr=True).say(f"{title}: {line}")
+    by_hand = running.not_asked(state) if state is not None else {}
+    unheard = any(said.state is ServerState.UNKNOWN and one.started.name not in by_hand for one, said in statuses)
     fewer = state is None or len(statuses) < running.wanted(state)
     states = {said.state for _, said in statuses}
-    if fewer or ServerState.ENDED in states or (changes and states != {ServerState.RUNNING}):
+    if fewer or unheard or ServerState.ENDED in states or (changes and states != {ServerState.RUNNING}):
         sys.exit(EXIT_FAILED)
 
 

@@ -17,7 +17,7 @@ import msgspec
 
 from volsplat.deploy.cluster.orders import everywhere_for, orders_of, wanted_servers
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
-from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
+from volsplat.deploy.cluster_file import BY_HAND, Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.home_path import home_path
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
 from volsplat.deploy.launchers.table import launcher_of
@@ -48,6 +48,7 @@ class RunningCluster:
         self._text = read_cluster_text(path)
         self.cluster = cluster_from_toml(self._text, str(path))
         self.folder = StateFolder(self.cluster.name)
+        self.unheard: dict[str, str] = {}  # servers whose machine did not answer the last up(), by name, and why
 
     @property
     def token(self) -> Token:
@@ -122,9 +123,19 @@ class RunningCluster:
                 host=socket.gethostname(),
             )
             said = self._states(self.cluster, state.servers)
+            self.unheard = self._unheard(state, said)
             living = [one for one in state.servers if said[one.started.name].state is not ServerState.ENDED]
             due = {one.name for one in wanted_servers(self.cluster)} - {one.started.name for one in living}
             return self._brought_up(state, living, due, report)
+
+    def _unheard(self, state: ClusterState, said: Mapping[str, Said]) -> dict[str, str]:
+        titles = {one.started.name: self.cluster.machines[one.machine].title for one in state.servers}
+        asked = titles.keys() - self.not_asked(state).keys()
+        return {
+            name: f"{titles[name]}: unknown: {said[name].reason.removeprefix(f'{titles[name]}: ')}"
+            for name in titles
+            if name in asked and said[name].state is ServerState.UNKNOWN
+        }
 
     def up_anew(self, known: ClusterState, names: Collection[str], report: Report) -> ClusterState:
         """Start others in the place of the servers of these names, once these have ended, if it is up as it is `known`.
@@ -215,6 +226,12 @@ class RunningCluster:
                 line = f"{missing} of {wanted} servers could not be started; try again: volsplat deploy up {self.path}"
                 found.append((machine.title, line))
         return found
+
+    def not_asked(self, state: ClusterState) -> dict[str, str]:
+        """Servers that people start and end, by name, each with the title of its machine."""
+        machines = cluster_from_toml(state.file, str(self.path)).machines
+        places = {one.started.name: machines[one.machine] for one in state.servers}
+        return {name: machine.title for name, machine in places.items() if machine.launcher in BY_HAND}
 
     def statuses(self) -> list[tuple[KnownServer, Said]]:
         """Of every server that was started, in the file's order."""
