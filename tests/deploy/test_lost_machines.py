@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from support.patience import wait_until
-from support.programs.clusters import cluster_file, handles, servers_of, sshd
+from support.programs.clusters import cluster_file, servers_of, sshd
 from support.programs.programs import Person
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.protocol.text.errors import BadInput
@@ -91,21 +91,28 @@ def test_servers_that_another_command_has_ended_are_not_started_anew(person: Per
         RunningCluster(path).down(print)
 
 
+def left_by(cluster: Path, server: str) -> int:
+    """The process of this server."""
+    state = RunningCluster(cluster).state()
+    assert state is not None
+    return next(int(one.started.handle["process"]) for one in state.servers if one.started.name == server)
+
+
 def test_a_machine_that_does_not_answer_is_not_said_to_be_up(person: Person, tmp_path: Path) -> None:
     with sshd(tmp_path / "silent") as ssh:
         by_hand = 'launcher = "manual"\nmap-shade-servers = 1\nlisten = "127.0.0.1:1"\n'
         machines = (BOTH_KINDS, f"{ssh}map-shade-servers = 1\n", by_hand)
-        path = str(cluster_file(person.folder, f"silent-{os.getpid()}", *machines))
-        up = person.runs("deploy", "up", path)
+        path = cluster_file(person.folder, f"silent-{os.getpid()}", *machines)
+        up = person.runs("deploy", "up", str(path))
         assert up.returncode == 0 and ": 3 of 4 servers are up; manual: cannot be asked; use them" in up.stderr
-        assert person.runs("deploy", "status", path).returncode == 0, "nobody asks after those started by hand"
+        assert person.runs("deploy", "status", str(path)).returncode == 0, "nobody asks after those started by hand"
     try:
-        up = person.runs("deploy", "up", path)
+        up = person.runs("deploy", "up", str(path))
         assert up.returncode == 1 and ": 2 of 4 servers are up; 127.0.0.1: unknown: ssh: connect" in up.stderr, (
             up.stderr
         )
-        status = person.runs("deploy", "status", path)
+        status = person.runs("deploy", "status", str(path))
         assert status.returncode == 1 and status.stdout.count("unknown") == 2, status.stdout
     finally:
-        psutil.Process(int(handles(person)[2]["process"])).kill()
-        person.runs("deploy", "down", path)
+        psutil.Process(left_by(path, "127.0.0.1 map/shade")).kill()
+        person.runs("deploy", "down", str(path))
