@@ -90,7 +90,7 @@ class Tunnel:
             return
         process, began = self._holder
         script = f"{PROCESS_FUNCTIONS}if runs {process} {began}; then kill {process}; fi"
-        with self._running(ssh_command(self.way.machine, script)) as ssh:
+        with self._running(ssh_command(self.way.machine, script, *OWN_CONNECTION)) as ssh, _limited(ssh):
             said, _ = ssh.communicate()
         if ssh.returncode:
             raise BadInput(self._reason([said], ssh.returncode))
@@ -102,19 +102,14 @@ class Tunnel:
         ports = (*_carried("-R", self.way.here), *_carried("-L", self.way.there))
         with self._running(ssh_command(self.way.machine, _HOLDS, *OWN_CONNECTION, *ports)) as ssh:
             assert ssh.stdout is not None
-            late = threading.Timer(OPEN_SECONDS, end_group, [ssh, signal.SIGKILL])
-            late.daemon = True
-            late.start()
-            try:
+            with _limited(ssh) as limit:
                 for line in ssh.stdout:
                     if line.startswith(OPEN):
                         was_open = True
-                        late.cancel()
+                        limit.cancel()
                         self._begins(line.split()[1:])
                     elif line.strip():
                         said.append(line)
-            finally:
-                late.cancel()
         self._fails(self._reason(said, ssh.returncode))
         return was_open
 
@@ -170,6 +165,18 @@ class Tunnel:
                 "the cluster down and up again, which chooses others, or give client another port"
             )
         return line
+
+
+@contextmanager
+def _limited(ssh: "subprocess.Popen[str]") -> Iterator[threading.Timer]:
+    """For one try, unless the timer is cancelled: a host that is cut off may never answer."""
+    late = threading.Timer(OPEN_SECONDS, end_group, [ssh, signal.SIGKILL])
+    late.daemon = True
+    late.start()
+    try:
+        yield late
+    finally:
+        late.cancel()
 
 
 def _carried(option: str, ports: Iterable[int]) -> list[str]:
