@@ -93,6 +93,7 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
     for order, command, log in zip(orders, commands, logs, strict=True):
         words = " ".join([command, *map(shlex.quote, order.arguments)])
         parts.append(
+            f'[ ! -s "$d"/{log} ] || mv -f "$d"/{log} "$d"/{log}.1\n'  # it may tell why the one before has ended
             f'setsid nohup {words} > "$d"/{log} 2>&1 < /dev/null &\n'
             f'printf "%s\\t%s\\t%s\\n" $! "$(began $!)" "$d"/{log}\n'
         )

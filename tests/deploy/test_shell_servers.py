@@ -72,6 +72,19 @@ def test_a_log_that_cannot_be_written_is_named_before_any_server_starts(servers:
     assert not (tmp_path / "began").exists()
 
 
+def test_the_log_of_the_server_before_is_kept(servers: ShellServers, tmp_path: Path) -> None:
+    logs = tmp_path / ".local" / "state" / "volsplat" / "servers" / "lab"
+    for word in ("first", "second", "third"):
+        assert started(servers, "/", f"echo {word}").startswith(word)
+    log = logs / "node-map-shade.log"
+    assert log.read_text(encoding="utf-8").startswith("third")
+    before = log.with_name(f"{log.name}.1")
+    assert before.read_text(encoding="utf-8").startswith("second") and before.stat().st_mode & 0o077 == 0
+    started(servers, "/", "true")
+    started(servers, "/", "true")
+    assert before.read_text(encoding="utf-8").startswith("third"), "one that says nothing replaces none"
+
+
 @pytest.mark.parametrize("run", [partial(ssh.run_there, NODE), local._run], ids=["ssh", "here"])
 def test_ctrl_c_on_the_terminal_does_not_reach_what_starts_servers(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
