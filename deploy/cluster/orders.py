@@ -1,7 +1,9 @@
 """Which servers a cluster file asks for: their names, their arguments, and where a client finds each."""
 
 import socket
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import count
 from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
@@ -35,11 +37,11 @@ class Ordered(NamedTuple):
 def wanted_servers(cluster: Cluster) -> list[Wanted]:
     """All of them, machine by machine."""
     return [
-        Wanted(f"{title} {SHORT[program]}" + (f" {n + 1}" if count > 1 else ""), program, number)
+        Wanted(f"{title} {SHORT[program]}" + (f" {n + 1}" if servers > 1 else ""), program, number)
         for number, (machine, title) in enumerate(zip(cluster.machines, _titles(cluster), strict=True))
         for program in (Program.SPLAT_SERVER, Program.MAPSHADE_SERVER)
-        for count in (_count(machine, program),)
-        for n in range(count)
+        for servers in (_count(machine, program),)
+        for n in range(servers)
     ]
 
 
@@ -50,7 +52,13 @@ def _count(machine: Machine, program: Program) -> int:
 def _titles(cluster: Cluster) -> list[str]:
     """Of each machine, told apart where two have the same."""
     plain = [machine.title for machine in cluster.machines]
-    return [title if plain.count(title) == 1 else f"{title}-{n + 1}" for n, title in enumerate(plain)]
+    times, taken = Counter(plain), set(plain)
+    titles = []
+    for number, title in enumerate(plain, 1):
+        numbered = (f"{title}-{free}" for free in count(number))
+        titles.append(title if times[title] == 1 else next(one for one in numbered if one not in taken))
+        taken.add(titles[-1])
+    return titles
 
 
 def orders_of(cluster: Cluster, servers: Sequence[Wanted], listen_port: int) -> Iterator[Ordered]:

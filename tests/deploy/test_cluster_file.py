@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from support.programs.clusters import ordered
 from volsplat.deploy.cluster import orders
+from volsplat.deploy.cluster.orders import wanted_servers
 from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
 from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.protocol.text.errors import BadInput
@@ -169,3 +170,12 @@ def test_splat_servers_of_this_machine_listen_where_others_dial_it(host: str, ev
     splat, _ = ordered(cluster_from_toml(f'name = "lab"\n{here}{there}', "lab.toml"), 7000)
     arguments = splat.order.arguments
     assert arguments[arguments.index("--listen") + 1] == everywhere
+
+
+@given(st.lists(st.sampled_from(["gpu", "gpu-1", "gpu-2", "gpu-2-1", "gpu-3"]), min_size=1, max_size=8))
+def test_no_two_servers_have_one_name(hosts: list[str]) -> None:
+    machine = '[[machines]]\nlauncher = "manual"\nhost = "{}"\nsplat-servers = 1\nmap-shade-servers = 2\n'
+    servers = wanted_servers(cluster_from_toml('name = "lab"\n' + "".join(map(machine.format, hosts)), "lab.toml"))
+    assert len({one.name for one in servers}) == len(servers) == 3 * len(hosts)
+    for host in {host for host in hosts if hosts.count(host) == 1}:
+        assert any(one.name.startswith(f"{host} ") for one in servers), "one that is alone keeps its own"
