@@ -4,6 +4,8 @@ import json
 import re
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -49,7 +51,7 @@ class Machine(Table, frozen=True, kw_only=True):
     data_root: Text | None = None  # nothing outside is opened; a relative VOLUME lies below it
     command: Text = "volsplat"  # how volsplat is called there
     listen: Text | None = None  # servers wait here to be dialled, on consecutive ports; absent: they dial the client
-    advertise: Text | None = None  # where others reach its servers; absent: by each one's route
+    advertise: Text | None = None  # HOST or HOST:PORT of its splat servers for others; absent: by each one's route
     metrics: Text | None = None  # HOST:PORT where its first server hands out metrics, the others on the ports after it
     metrics_token: Text | None = None  # the file there with the token that whoever reads them shows
     ssh: SshKeys = SshKeys()
@@ -81,6 +83,11 @@ class Machine(Table, frozen=True, kw_only=True):
     def metrics_at(self) -> Address | None:
         """Of its first server."""
         return None if self.metrics is None else parse_address(self.metrics)
+
+    @property
+    def advertised_at(self) -> Address | None:
+        """Of its first splat server; at port 0 of each one's own port."""
+        return None if self.advertise is None else _advertised(self.advertise)
 
     @property
     def listens_at(self) -> Address | None:
@@ -167,11 +174,15 @@ def _check(cluster: Cluster, name: str) -> None:
     for number, machine in enumerate(cluster.machines):
         place = f"{name}: machines[{number}]"
         _checked(f"{place}.listen", machine.listen, parse_address)
+        _checked(f"{place}.advertise", machine.advertise, _advertised)
         _checked(f"{place}.metrics", machine.metrics, parse_address)
         _checked(f"{place}.command", machine.command, first_word)
         _checked(f"{place}.memory", machine.memory, lambda text: bytes_from_option("memory", text))
-        _check_ports(f"{place}.listen", machine.listens_at, machine)
-        _check_ports(f"{place}.metrics", machine.metrics_at, machine)
+        servers = machine.map_shade_servers + machine.splat_servers
+        _check_ports(f"{place}.listen", machine.listens_at, servers)
+        _check_ports(f"{place}.metrics", machine.metrics_at, servers)
+        if (advertised := machine.advertised_at) is not None and advertised.port:
+            _check_ports(f"{place}.advertise", advertised, machine.splat_servers)
         if (machine.metrics is None) != (machine.metrics_token is None):
             raise BadInput(f"{place}: metrics and metrics-token belong together; give both or none")
         if machine.listen is not None and machine.launcher in ENGINES and machine.host is None:
@@ -183,7 +194,7 @@ def _check(cluster: Cluster, name: str) -> None:
             raise BadInput(f'{place}.host: the launcher ssh needs to know where; add host = "NAME"')
         if machine.host is not None and (machine.host.startswith("-") or " " in machine.host):
             raise BadInput(f"{place}.host: {_shown(machine.host)} is no name of a machine; give it as ssh knows it")
-        if machine.map_shade_servers + machine.splat_servers == 0:
+        if servers == 0:
             raise BadInput(f"{place}: runs no server; give map-shade-servers or splat-servers, or leave it out")
     _check_tunnels(cluster, name)
     _checked(f"{name}: client", cluster.client, _place_to_dial)
@@ -207,11 +218,21 @@ def _check_tunnels(cluster: Cluster, name: str) -> None:
             )
 
 
-def _check_ports(place: str, address: Address | None, machine: Machine) -> None:
-    """Each of its servers takes one, from that of the address on."""
-    servers = machine.map_shade_servers + machine.splat_servers
+def _check_ports(place: str, address: Address | None, servers: int) -> None:
+    """Each of them takes one, from that of the address on."""
     if address is not None and not 0 < address.port <= 65536 - max(servers, 1):
         raise BadInput(f"{place}: port {address.port} leaves no room for {servers} servers; choose from 1024 on")
+
+
+def _advertised(text: str) -> Address:
+    """Raises BadInput."""
+    with suppress(ValueError):
+        return Address(str(ip_address(text.removeprefix("[").removesuffix("]"))), 0)
+    if ":" in text:
+        return parse_address(text)
+    if not re.fullmatch(r"[^\s/@]+", text):
+        raise BadInput(f"{text!r} is not an address; write HOST, or HOST:PORT")
+    return Address(text, 0)
 
 
 def _place_to_dial(text: str) -> None:

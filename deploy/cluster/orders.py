@@ -69,7 +69,7 @@ def orders_of(cluster: Cluster, servers: Sequence[Wanted], listen_port: int) -> 
     number = servers[0].machine
     machine = cluster.machines[number]
     carried = iter(splat_ports(cluster, listen_port).get(number, ()))
-    waits, metrics = machine.listens_at, machine.metrics_at
+    waits, metrics, advertised = machine.listens_at, machine.metrics_at, machine.advertised_at
     client = client_address(cluster, machine, listen_port) if waits is None else ""
     listens = _data_links(cluster, machine) if machine.splat_servers else LOOPBACK
     dialled_at = _reached_at(machine, waits) if waits is not None else ""
@@ -90,12 +90,19 @@ def orders_of(cluster: Cluster, servers: Sequence[Wanted], listen_port: int) -> 
             metrics = metrics._replace(port=metrics.port + 1)
         arguments += _cores(machine, _count(machine, program))
         if program is Program.SPLAT_SERVER:
-            port = next(carried, 0)
+            port = (advertised and advertised.port) or next(carried, 0)
             arguments += ["--listen", str(Address(listens, port))] if listens != LOOPBACK or port else []
-            arguments += ["--advertise", machine.advertise] if machine.advertise else []
+            if advertised is not None:
+                arguments += ["--advertise", _told(advertised)]
+                advertised = advertised._replace(port=advertised.port and advertised.port + 1)
         elif machine.data_root:
             arguments += ["--data-root", machine.data_root]
         yield Ordered(ServerOrder(name, program, tuple(arguments)), number, dialled)
+
+
+def _told(advertised: Address) -> str:
+    """As a splat server takes it: without a port, which is its own then."""
+    return str(advertised) if advertised.port else str(advertised).removesuffix(":0")
 
 
 def _cores(machine: Machine, servers: int) -> list[str]:
@@ -195,8 +202,8 @@ def _reached_at(machine: Machine, waits: Address) -> str:
     """The host by which a client dials servers that wait here."""
     if waits.host not in (EVERYWHERE, EVERYWHERE_6):
         return waits.host
-    if machine.advertise is not None:
-        return machine.advertise.rpartition(":")[0] or machine.advertise
+    if (advertised := machine.advertised_at) is not None:
+        return advertised.host
     if machine.launcher == "local":
         return LOOPBACK
     return host_name(machine) or machine.title

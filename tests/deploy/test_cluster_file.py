@@ -12,6 +12,8 @@ from volsplat.deploy.cluster.orders import wanted_servers
 from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
 from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import parse_address
+from volsplat.splat_server.command import told_address
 
 WHOLE = """
 name = "lab"
@@ -66,6 +68,14 @@ def test_every_key_is_read() -> None:
         ('memory = "8G"', 'memory = "much"', "machines[0].memory: memory much: give a size"),
         ('command = "volsplat"', 'command = "\'/my env/volsplat"', 'machines[0].command: "\'/my env/volsplat" cannot'),
         ('command = "volsplat"', 'command = " "', "machines[0].command: ' ' cannot be called"),
+        ('advertise = "node1.lab"', 'advertise = "fe80::1:"', "machines[0].advertise: 'fe80::1:' is not an address"),
+        (
+            'advertise = "node1.lab"',
+            'advertise = "http://node1"',
+            "machines[0].advertise: 'http://node1' is not an addr",
+        ),
+        ('advertise = "node1.lab"', 'advertise = "node1/x"', "machines[0].advertise: 'node1/x' is not an address"),
+        ('advertise = "node1.lab"', 'advertise = "node1:65536"', "machines[0].advertise: 'node1:65536' is not an addr"),
         ('client = "desk.lab:7000"', 'client = "desk.lab:0"', "client: 'desk.lab:0': servers cannot dial port 0"),
         ('name = "lab"', 'name = "../lab"', "name: '../lab' cannot be used"),
         ('name = "lab"', "", "name: this key is missing"),
@@ -179,3 +189,34 @@ def test_no_two_servers_have_one_name(hosts: list[str]) -> None:
     assert len({one.name for one in servers}) == len(servers) == 3 * len(hosts)
     for host in {host for host in hosts if hosts.count(host) == 1}:
         assert any(one.name.startswith(f"{host} ") for one in servers), "one that is alone keeps its own"
+
+
+ADVERTISED = {
+    "node1.lab": ("node1.lab", 0),
+    "10.0.0.1": ("10.0.0.1", 0),
+    "fe80::1": ("fe80::1", 0),
+    "[fe80::1]": ("fe80::1", 0),
+    "node1.lab:7500": ("node1.lab", 7500),
+    "[fe80::1]:7500": ("fe80::1", 7500),
+}
+
+
+@pytest.mark.parametrize("advertise", ADVERTISED)
+def test_splat_servers_listen_where_they_are_advertised(advertise: str) -> None:
+    """At the port that the file names, and those after it."""
+    keys = f'splat-servers = 2\nmap-shade-servers = 1\nlisten = "0.0.0.0:7100"\nadvertise = "{advertise}"\n'
+    machine = f'[[machines]]\nlauncher = "manual"\nhost = "node1"\n{keys}'
+    *splats, _ = servers = ordered(cluster_from_toml(f'name = "lab"\n{machine}', "lab.toml"), 7000)
+    host, first = ADVERTISED[advertise]
+    assert {one.wait_at.host for one in servers if one.wait_at} == {host}
+    for number, one in enumerate(splats):
+        words = one.order.arguments
+        listening = parse_address(words[words.index("--listen") + 1])
+        assert listening == ("0.0.0.0", first + number if first else 0)
+        told = told_address(listening._replace(port=listening.port or 1), words[words.index("--advertise") + 1])
+        assert told == (host, listening.port or 1)
+
+
+def test_ports_that_are_advertised_must_be_there_for_each_splat_server() -> None:
+    line = told(WHOLE.replace("splat-servers = 1", "splat-servers = 3").replace('"node1.lab"\n[', '"node1:65534"\n['))
+    assert "machines[0].advertise: port 65534 leaves no room for 3 servers" in line
