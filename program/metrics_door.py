@@ -5,11 +5,14 @@ That token is the door's own, never the session's: HTTP is not encrypted, and wh
 
 import hmac
 import os
+import socket
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from secrets import token_hex
+from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any
 
 from volsplat.program.counts import COUNTED, Counts
@@ -103,7 +106,12 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, address: Address, token: Token, registry: Any) -> None:
         self.token, self.registry = token, registry
         self._room = threading.BoundedSemaphore(MOST_AT_ONCE)
+        self.address_family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
         super().__init__((address.host, address.port), _Handler)
+
+    def server_bind(self) -> None:
+        """Without what HTTPServer does beside: it looks the host's name up, which may take long."""
+        TCPServer.server_bind(self)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         if self._room.acquire(blocking=False):
@@ -112,17 +120,25 @@ class _Server(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
+        late = threading.Timer(PATIENCE, _hang_up, [request])
+        late.daemon = True
+        late.start()
         try:
             super().process_request_thread(request, client_address)
         finally:
+            late.cancel()
             self._room.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Whoever breaks off a request is no event."""
 
 
+def _hang_up(connection: socket.socket) -> None:
+    with suppress(OSError):  # it is closed
+        connection.shutdown(socket.SHUT_RDWR)
+
+
 class _Handler(BaseHTTPRequestHandler):
-    timeout = PATIENCE
     server: _Server
     server_version, sys_version = "volsplat", ""
 

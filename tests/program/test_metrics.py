@@ -10,7 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client import Session
+from volsplat.program import metrics_door
 from volsplat.program.counts import Counts
 from volsplat.program.metrics_door import MOST_AT_ONCE, MetricsDoor, door_token
 from volsplat.protocol.description.scene import Scene
@@ -86,6 +87,52 @@ def test_who_connects_and_says_nothing_keeps_nobody_out(door: tuple[MetricsDoor,
     finally:
         for one in silent:
             one.close()
+
+
+def test_who_sends_a_byte_now_and_then_keeps_nobody_out(
+    door: tuple[MetricsDoor, Token, Counts], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metrics_door, "PATIENCE", 1.0)
+    address, done = door[0].address, threading.Event()
+
+    def dribbles(slow: socket.socket) -> None:
+        with suppress(OSError):  # hung up on
+            while not done.wait(0.1):
+                slow.sendall(b"x")
+
+    slow = [socket.create_connection((address.host, address.port)) for _ in range(MOST_AT_ONCE)]
+    threads = [threading.Thread(target=dribbles, args=(one,)) for one in slow]
+    for thread in threads:
+        thread.start()
+
+    def answers() -> bool:
+        try:
+            return status(address, "/metrics") == 401
+        except OSError:  # no room yet
+            return False
+
+    try:
+        wait_until(answers, "answered while slow callers hung on")
+    finally:
+        done.set()
+        for thread, one in zip(threads, slow, strict=True):
+            thread.join()
+            one.close()
+
+
+@pytest.mark.parametrize("host", ["::1", "::", "127.0.0.1", "localhost"])
+def test_a_door_opens_at_any_address_and_looks_no_name_up(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def takes_long(name: str = "") -> str:
+        raise AssertionError(f"{name} was looked up")
+
+    monkeypatch.setattr(socket, "getfqdn", takes_long)
+    token = new_token()
+    door = MetricsDoor(Address(host, 0), token, Counts)
+    try:
+        reached = door.address._replace(host="::1") if host == "::" else door.address
+        assert scraped(reached, token)["volsplat_peak_memory_bytes", ""] > 1e6
+    finally:
+        door.close()
 
 
 def test_what_is_added_is_told(door: tuple[MetricsDoor, Token, Counts]) -> None:
