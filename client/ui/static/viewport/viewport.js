@@ -65,6 +65,7 @@ export class Viewport {
   #trouble = new TroubleBar();
   #help = document.createElement("div");
   #asked = { width: 0, height: 0 }; // the size of pictures last asked for
+  #heard = false; // whether a process has heard of it
   #resized = 0;
   #box = { width: 0, height: 0 }; // of the element; to ask it at every picture would lay out the page each time
   #corner = { left: 0, top: 0 }; // of the element, in the window
@@ -230,7 +231,8 @@ export class Viewport {
     this.#trouble.ofProcess("", true); // what still lasts is told anew
     this.#pictures.reconnected();
     this.#box = this.#measured();
-    const before = this.#asked;
+    const before = this.#heard ? this.#asked : undefined; // what was asked before the first connection came to nobody
+    this.#heard = true;
     this.#asked = { width: 0, height: 0 };
     this.#sendSize(before);
     this.#outbox.repeatAfter(this.#contained);
