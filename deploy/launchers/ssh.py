@@ -19,7 +19,9 @@ from volsplat.protocol.text.printable import one_line
 
 SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
-BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
+# Nobody is there to be asked. A connection that others share would stay, and keep what it has written to open, so that
+# whoever reads that waits for ever; one that is there is used.
+BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}", "-o", "ControlMaster=no")
 _BEGUN = "volsplat-begins"
 _BEGINS = f"printf '\\n{_BEGUN}\\n'; printf '\\n{_BEGUN}\\n' >&2\n"  # on a line of its own, whatever stands before
 NOT_REACHED = 255  # ssh's own status
