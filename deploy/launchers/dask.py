@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import uuid
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -45,16 +46,22 @@ class DaskLauncher:
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         report(f"{self._machine.title}: giving {len(orders)} tasks to Dask")
 
-        async def submit(client: Client) -> list[StartedServer]:
-            names = [f"volsplat {self._cluster} {order.name} {uuid.uuid4().hex[:8]}" for order in orders]
-            for order, name in zip(orders, names, strict=True):
-                await client.publish_dataset(self._submitted(client, order, name, secrets), name=name)
-            return [
-                StartedServer(order.name, "a task of Dask", {"task": name})
-                for order, name in zip(orders, names, strict=True)
-            ]
+        published: list[StartedServer] = []
 
-        return self._asked(submit)
+        async def submit(client: Client) -> None:
+            for order in orders:
+                name = f"volsplat {self._cluster} {order.name} {uuid.uuid4().hex[:8]}"
+                published.append(StartedServer(order.name, "a task of Dask", {"task": name}))
+                await client.publish_dataset(self._submitted(client, order, name, secrets), name=name)
+
+        try:
+            self._asked(submit)
+        except BaseException:
+            with suppress(BadInput):  # a scheduler that is gone knows of none
+                if published:
+                    self.stop(published)
+            raise
+        return published
 
     def _submitted(self, client: Client, order: ServerOrder, name: str, secrets: Secrets) -> Future[None]:
         machine = self._machine

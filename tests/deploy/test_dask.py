@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -17,8 +18,10 @@ from support.programs.server_processes import words_of
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.deploy.cluster.running import RunningCluster
+from volsplat.protocol.text.errors import BadInput
 
-pytest.importorskip("distributed", reason="the launcher dask needs distributed (extra dask)")
+distributed = pytest.importorskip("distributed", reason="the launcher dask needs distributed (extra dask)")
 
 TWO = "map-shade-servers = 1\nsplat-servers = 1\nthreads = 1\n"
 
@@ -153,3 +156,21 @@ def test_a_scheduler_that_is_not_there_is_one_line(person: Person, keys: str, sa
     path = cluster_file(person.folder, "nobody", f'launcher = "dask"\nhost = "localhost"\n{keys}{TWO}')
     up = person.runs("deploy", "up", str(path))
     assert up.returncode == 2 and said in up.stderr and len(up.stderr.strip().splitlines()) <= 2, up.stderr
+
+
+def test_tasks_of_which_one_cannot_be_given_are_all_taken_back(
+    engine: DaskCluster, person: Person, cluster: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish, published = distributed.Client.publish_dataset, list[str]()
+
+    async def once(client: Any, future: object, name: str) -> None:
+        if published:
+            raise OSError("the connection is lost")
+        published.append(name)
+        await publish(client, future, name=name)
+
+    monkeypatch.setattr(distributed.Client, "publish_dataset", once)
+    with pytest.raises(BadInput, match="does not answer: the connection is lost"):
+        RunningCluster(cluster).up(print)
+    with distributed.Client(scheduler_file=str(engine.scheduler_file), set_as_default=False) as client:
+        assert len(published) == 1 and published[0] not in client.list_datasets()
