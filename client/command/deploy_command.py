@@ -88,11 +88,13 @@ def status(cluster: Path) -> None:
 @deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy down lab.toml"))
 @cluster_argument
 def down(cluster: Path) -> None:
-    """End every server, and name the machines that do not answer."""
+    """End every server, name the machines that do not answer, and say how to end servers that people have started."""
     running = RunningCluster(cluster)
     console = PlainConsole(stderr=True)
+    state = running.folder.load()
+    by_hand = running.not_asked(state) if state is not None else {}
     running.down(lines_on(console))
-    console.say(f"{running.cluster.name} is down")
+    console.say(f"{running.cluster.name} is down" + (f", but for {len(by_hand)} servers" if by_hand else ""))
 
 
 @deploy.command(cls=HelpedCommand, epilog=examples("volsplat deploy logs lab.toml"))

@@ -294,8 +294,10 @@ class RunningCluster:
 
         def stop(number: int) -> None:
             of_machine = [one.started for one in servers if one.machine == number]
-            report(f"{cluster.machines[number].title}: ending {len(of_machine)} servers")
-            self._launcher(cluster, number).stop(of_machine)
+            machine = cluster.machines[number]
+            if machine.launcher not in BY_HAND:
+                report(f"{machine.title}: ending {len(of_machine)} servers")
+            self._launcher(cluster, number).stop(of_machine, lambda line: report(f"{machine.title}: {line}"))
 
         results = _on_all(sorted({one.machine for one in servers}), stop)
         return {number: result.reason for number, result in results.items() if isinstance(result, Failed)}

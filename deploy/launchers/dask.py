@@ -59,7 +59,7 @@ class DaskLauncher:
         except BaseException:
             with suppress(BadInput):  # a scheduler that is gone knows of none
                 if published:
-                    self.stop(published)
+                    self.stop(published, report)
             raise
         return published
 
@@ -94,7 +94,7 @@ class DaskLauncher:
         except BadInput as error:
             return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         async def end(client: Client) -> None:
             tasks = [server.handle["task"] for server in servers]
             there = set(await client.list_datasets()) & set(tasks)

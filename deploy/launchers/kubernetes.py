@@ -6,6 +6,7 @@ The Jobs take the token from a Secret. Splat servers have Services, by whose nam
 import hashlib
 import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -39,9 +40,12 @@ class KubernetesLauncher:
         items = [self._secret(secrets), *(item for order in orders for item in self._server(order))]
         path = self._folder / f"{_label(orders[0].name)}.json"
         write_private(path, json.dumps({"apiVersion": "v1", "kind": "List", "items": items}, indent=2).encode())
-        report(f"{path} holds {len(orders)} Jobs and the token; start them by: kubectl apply -f {path}")
-        report(f"end them by: kubectl delete -f {path}")
-        return [StartedServer(order.name, f"job/{self._name(order)}", {"job": self._name(order)}) for order in orders]
+        # Not `apply`, for which a Job that has ended is one that has not changed.
+        replace = f"kubectl replace --force -f {shlex.quote(str(path))}"
+        report(f"{path} holds {len(orders)} Jobs and the token; start them, again as well, by: {replace}")
+        report(f"end them by: kubectl delete -f {shlex.quote(str(path))}")
+        names = [(order.name, self._name(order)) for order in orders]
+        return [StartedServer(name, f"job/{job}", {"job": job, "manifests": str(path)}) for name, job in names]
 
     def _check(self) -> None:
         """Raises BadInput for what no manifest can be made of."""
@@ -66,8 +70,11 @@ class KubernetesLauncher:
         asked = Said(ServerState.UNKNOWN, f"Kubernetes tells: kubectl get jobs -n {self._keys.namespace}")
         return {server.name: asked for server in servers}
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         """They end by themselves when no client has come for as long as they are to be kept, or are deleted by hand."""
+        for path in dict.fromkeys(server.handle["manifests"] for server in servers):
+            delete = f"kubectl delete -f {shlex.quote(path)}"
+            report(f"Jobs go on: end them by: {delete}; without a client they end by themselves")
 
     def logs(self, server: StartedServer, lines: int) -> str:
         where = f"-n {self._keys.namespace} --tail={lines}"

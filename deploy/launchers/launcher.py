@@ -64,8 +64,11 @@ class Launcher(Protocol):
         """How each is, by name. One that cannot be asked is UNKNOWN, with the reason; nothing is raised for it."""
         ...
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
-        """End them. Returns once they have ended or been told to; those that ended before are no error."""
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
+        """End them. Returns once they have ended or been told to; those that ended before are no error.
+
+        Where people end them, `report` hears how.
+        """
         ...
 
     def logs(self, server: StartedServer, lines: int) -> str:

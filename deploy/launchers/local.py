@@ -26,7 +26,7 @@ class LocalLauncher:
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
         return self._servers.states(servers)
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         self._servers.stop(servers)
 
     def logs(self, server: StartedServer, lines: int) -> str:

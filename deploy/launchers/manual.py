@@ -26,8 +26,10 @@ class ManualLauncher:
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
         return {server.name: Said(ServerState.UNKNOWN, STARTED_BY_HAND) for server in servers}
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         """They end by themselves when no client has come for as long as they are to be kept."""
+        where = self._machine.host or "the other machine"
+        report(f"{len(servers)} servers go on: end them on {where}, by hand; without a client they end by themselves")
 
     def logs(self, server: StartedServer, lines: int) -> str:
         raise BadInput(f"{server.name} was started by hand: its output is on the terminal there")

@@ -59,7 +59,7 @@ class SlurmLauncher:
             return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
         return {server.name: _said(server, jobs.get(server.handle["job"])) for server in servers}
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         _cancel(servers)
         self._token_file.unlink(missing_ok=True)
 

@@ -55,7 +55,7 @@ class SshLauncher:
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
         return self._servers.states(servers)
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         self._servers.stop(servers)
 
     def logs(self, server: StartedServer, lines: int) -> str:

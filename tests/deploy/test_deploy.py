@@ -399,7 +399,11 @@ def test_where_servers_cannot_be_asked_the_status_is_1_as_long_as_they_are_start
     assert person.runs("deploy", "status", str(path)).returncode == 0
     with running.folder.locked():
         assert person.runs("deploy", "status", str(path)).returncode == 1
-    running.down(lambda line: None)
+    said = list[str]()
+    running.down(said.append)
+    assert said == [
+        "manual: 2 servers go on: end them on the other machine, by hand; without a client they end by themselves"
+    ]
 
 
 def test_a_server_is_started_anew_without_what_could_not_be_started(person: Person) -> None:

@@ -58,7 +58,7 @@ def manifests(person: Person, cluster: Path) -> list[Manifest]:
     up = person.runs("deploy", "up", str(cluster))
     assert up.returncode == 0, up.stderr
     (path,) = (person.folder / "state").glob("volsplat/clusters/A.lab_1/*splat.json")
-    assert f"kubectl apply -f {path}" in up.stdout + up.stderr and path.stat().st_mode & 0o777 == 0o600
+    assert f"kubectl replace --force -f {path}\n" in up.stderr and path.stat().st_mode & 0o777 == 0o600
     items: list[Manifest] = json.loads(path.read_text(encoding="utf-8"))["items"]
     return items
 
@@ -79,6 +79,14 @@ def test_they_are_valid_and_each_server_has_a_job_of_its_own_name(person: Person
     assert sorted(kinds) == ["Job", "Job", "Job", "Secret", "Service"]
     names = [(item["kind"], item["metadata"]["name"]) for item in items]
     assert len(set(names)) == len(names) and all(item["metadata"]["namespace"] == "lab" for item in items)
+
+
+def test_who_brings_it_down_is_told_that_jobs_go_on_and_how_to_end_them(person: Person, cluster: Path) -> None:
+    manifests(person, cluster)
+    (path,) = (person.folder / "state").rglob("*splat.json")
+    said = person.runs("deploy", "down", str(cluster)).stderr
+    assert f"kubernetes: Jobs go on: end them by: kubectl delete -f {path}; without" in said
+    assert "ending" not in said and said.endswith("A.lab_1 is down, but for 3 servers\n")
 
 
 def test_the_token_is_in_the_secret_alone(person: Person, cluster: Path) -> None:
