@@ -22,6 +22,11 @@ from volsplat.protocol.text.errors import VolsplatError
 
 ANSWER_WITHIN = 30.0  # seconds: a browser may ask the person first
 
+_NOT_COPIED = (
+    "not copied: browsers allow it on HTTPS and localhost only; "
+    "copy the link from here, or save the scene as TOML instead"
+)
+
 # Browsers let a page copy in a click alone, before the process has told of the link: they are given the promise of it.
 _COPIES = """() => {
     const link = new Promise((told) => { window.tellLink = told; });
@@ -118,7 +123,7 @@ async def _is_copied(text: str) -> bool:
 def _show_link(link: str) -> None:
     """For the person to copy by hand."""
     with ui.dialog(value=True) as dialog, ui.card().classes("vs-dialog"):
-        ui.label("not copied: browsers allow it on HTTPS and localhost only; copy the link from here")
+        ui.label(_NOT_COPIED)
         ui.input("link to this scene", value=link).props("readonly dense autofocus").classes("w-full")
         ui.button("close", on_click=dialog.close).props("flat no-caps")
     dialog.on("hide", dialog.delete)
