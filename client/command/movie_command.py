@@ -134,7 +134,8 @@ def movie(
             return known.settled(scene if figure is None else sized(figure, scene, known))
 
         if keys:
-            return key_framed([made_ready(key) for key in options.key_scenes(known, keys)], geometry, frames)
+            ready = [made_ready(key) for key in options.key_scenes(known, keys)]
+            return key_framed(ready, geometry, frames, known.automatic_window)
         return turntable(made_ready(options.scene_of(known)), geometry, frames, axis or "screen-y")
 
     console = SideConsole()

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import msgspec
 
+from volsplat.client.movie.table_windows import Window, in_window
 from volsplat.protocol.description.patches import Patch, Plane
 from volsplat.protocol.description.scene import (
     Bounds,
@@ -45,17 +46,18 @@ def turntable(scene: Scene, geometry: Geometry, frames: int, axis: TurningAxis =
     return [_turned(scene, geometry, axis, Fraction(n, frames)) for n in range(frames)]
 
 
-def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int) -> list[Scene]:
+def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int, automatic: Window = (0.0, 1.0)) -> list[Scene]:
     """`frames` scenes that pass through the keys at even distances in time; the ends are the first and last key.
 
     Rotation goes the shortest way at an even rate, zoom by even factors, centre, bounds, light direction and the
     points of tables and patches that are equally many go in straight lines; all else is the earlier key's until the
-    later one is reached. Raises BadInput if that cannot be.
+    later one is reached. Tables of another window, of which `automatic` is that of scenes that set none, are compared
+    by the densities that they are for; patches then are the earlier key's. Raises BadInput if that cannot be.
     """
     check_key_count(len(keys), frames)
     places = [Fraction(n * (len(keys) - 1), frames - 1) for n in range(frames)]
     try:
-        return [_at(keys, geometry, place) for place in places]
+        return [_at(keys, geometry, place, automatic) for place in places]
     except ValueError as error:
         raise BadInput(f"no scene lies between these keys: {error}") from error
 
@@ -84,12 +86,15 @@ def _turned(scene: Scene, geometry: Geometry, axis: TurningAxis, turn: Fraction)
     return msgspec.structs.replace(scene, view=view)
 
 
-def _at(keys: Sequence[Scene], geometry: Geometry, place: Fraction) -> Scene:
+def _at(keys: Sequence[Scene], geometry: Geometry, place: Fraction, automatic: Window) -> Scene:
     """The scene at a place that counts keys: 3/2 is halfway from the second to the third."""
     earlier, part = int(place), place % 1
     if part == 0:
         return keys[earlier]
     a, b = keys[earlier], keys[earlier + 1]
+    window, other = (automatic if key.quantise.window == "auto" else key.quantise.window for key in (a, b))
+    if window != other:
+        b = msgspec.structs.replace(in_window(b, other, window), plane=a.plane)
     return msgspec.structs.replace(
         a,
         tables=_tables_between(a.tables, b.tables, float(part)),

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -13,9 +14,11 @@ from support.scenes.scenes import colour_tables, scalar_tables
 from tolerances import ROTATION_ENTRY, ROUNDING
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.movie.key_frames import TURNING_AXES, TurningAxis, key_framed, rotation_between, turntable
+from volsplat.client.movie.table_windows import in_window
 from volsplat.protocol.description.scene import (
     Bounds,
     Light,
+    Quantise,
     Reconstruction,
     ScalarTable,
     Scene,
@@ -23,6 +26,7 @@ from volsplat.protocol.description.scene import (
     Tables,
     View,
 )
+from volsplat.protocol.description.table_points import interpolated
 from volsplat.protocol.description.view_rotation import Quaternion, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -213,6 +217,44 @@ def test_bounds_move_by_whole_voxels_and_know_the_end() -> None:
     slice_ = plain_scene(bounds=Bounds(low=(4, 0, 10), high=(5, 20, 20)))
     scenes = key_framed([whole, slice_], GRID, 5)
     assert scenes[2].bounds == Bounds(low=(2, 0, 5), high=(8, 20, 25))
+
+
+@pytest.mark.parametrize("auto_first", [True, False])
+def test_a_density_that_both_keys_begin_at_is_where_all_between_begin(auto_first: bool) -> None:
+    """Whichever window each of them has."""
+    begin, automatic, other = 300.0, (-1000.0, 2000.0), (0.0, 1000.0)
+
+    def key(window: tuple[float, float], auto: bool) -> Scene:
+        low, high = window
+        scene = plain_scene()
+        opac = ScalarTable(points=((0.0, 0.0), ((begin - low) / (high - low), 0.0), (1.0, 0.8)))
+        return msgspec.structs.replace(
+            scene,
+            tables=msgspec.structs.replace(scene.tables, opac=opac),
+            quantise=Quantise(window="auto" if auto else window),
+        )
+
+    keys = [key(automatic, auto=True), key(other, auto=False)]
+    for scene in key_framed(keys if auto_first else keys[::-1], GRID, 7, automatic):
+        low, high = automatic if scene.quantise.window == "auto" else scene.quantise.window
+        clear = max(position for position, value in scene.tables.opac.points if value == 0.0)
+        assert low + clear * (high - low) == pytest.approx(begin)
+
+
+@given(scalar_tables(), st.floats(-0.5, 0.9), st.floats(0.2, 2.0))
+def test_a_table_under_another_window_has_the_same_for_each_density(
+    table: ScalarTable, low: float, width: float
+) -> None:
+    scene = plain_scene()
+    scene = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=table))
+    moved = in_window(scene, (0.0, 1.0), (low, low + width)).tables.opac
+    assert len(moved.points) == len(table.points)
+    for n, value in enumerate(interpolated(list(moved.points), 101)):
+        density = low + n / 100 * width
+        steps = [abs(density - position) for position, _ in table.points]
+        if 0 <= density <= 1 and min(steps) > 1e-6:  # not where it jumps
+            expected = np.interp(density, [at for at, _ in table.points], [value for _, value in table.points])
+            assert value == pytest.approx(expected, abs=1e-6)
 
 
 def test_tables_of_as_many_points_blend_and_others_switch_at_the_key() -> None:

@@ -81,16 +81,17 @@ class MovieDialog:
 
     def _scenes(self) -> list[Scene]:
         """Raises BadInput."""
-        geometry = self._viewing.volume.description.geometry
+        volume = self._viewing.volume
+        geometry = volume.description.geometry
         frames = _whole(self._frames, IMAGES)
         width, height = _whole(self._width, PIXELS), _whole(self._height, PIXELS)
 
         def made_ready(scene: Scene) -> Scene:
-            return sized(self._viewing.volume.settled(scene), width=width, height=height)
+            return sized(volume.settled(scene), width=width, height=height)
 
         if self._path.value == TURNTABLE:
             return turntable(made_ready(self._viewing.model.scene), geometry, frames)
-        return key_framed([made_ready(key) for key in self._keys], geometry, frames)
+        return key_framed([made_ready(key) for key in self._keys], geometry, frames, volume.automatic_window)
 
     def _start(self) -> None:
         folder = Path(tempfile.mkdtemp(prefix="volsplat-movie-"))
