@@ -61,6 +61,9 @@ class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     patches: Patches = ()
 
 
+OPPOSITE = 1e-9  # the length of a sum of two unit vectors, below which it is rounding
+
+
 def shading_rule(scene: Scene, step: Step) -> ShadingRule:
     active, tables, cross_bar = active_shading(scene, step), scene.tables, scene.cross_bar
     if scene.plane.patches:
@@ -99,7 +102,7 @@ def _lighting(scene: Scene, step: Step) -> Lighting:
     in_slabs = STEP_RULES[step].slabs
     return Lighting(
         light=light,
-        half_way=matrices.normalised(between) if any(between) else between,
+        half_way=matrices.normalised(between) if matrices.length(between) > OPPOSITE else (0.0, 0.0, 0.0),
         diffuse=active.diffuse,
         specular=active.specular,
         two_sided=scene.shading.two_sided,

@@ -23,8 +23,12 @@ from volsplat.protocol.description.scene import (
     Tables,
     View,
 )
+from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector, rotation_from_quaternion
+from volsplat.protocol.rules.resolved_view import screen_rotation
+from volsplat.protocol.rules.shading_rule import shading_rule
 
 
 def lit_scene(
@@ -122,3 +126,15 @@ def test_beside_nan_gradients_are_one_sided() -> None:
     values[6:] = math.nan  # the viewer's side
     cut = rendered(values, geometry, scene, Step.C)[12, 12]
     assert (whole - cut).abs().max() <= ROUNDED_COLOUR
+
+
+@pytest.mark.parametrize("angles", [(0, 0), (90, 0), (180, 0), (180, 90), (30, 20), (-75, 11)])
+@pytest.mark.parametrize("fixed_to", ["grid", "world"])
+def test_light_from_right_behind_reflects_nothing_to_the_eye(angles: tuple[float, float], fixed_to: str) -> None:
+    """Though rounding leaves something of the sum of the two directions."""
+    view = View(rotation=rotation_from_angles(*angles))
+    behind = (0.0, 0.0, -1.0)
+    if fixed_to == "grid":
+        behind = matrices.applied(matrices.transposed(screen_rotation(view)), behind)
+    scene = lit_scene(view, msgspec.convert({"direction": behind, "fixed_to": fixed_to}, Light))
+    assert shading_rule(scene, Step.F).lighting.half_way == (0.0, 0.0, 0.0)
