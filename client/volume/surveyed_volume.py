@@ -31,6 +31,9 @@ from volsplat.protocol.text.errors import BadInput
 REMEMBERED = 16  # scenes, and windows
 NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
 
+LIKE_A_FILL_VALUE = 1e15  # 1e20, 9.97e36 and 3.4e38 are in use; hardly any data reaches as far
+NEARLY_ALL = 0.95  # of the voxels, in one of the survey's bins
+
 
 @dataclass(frozen=True)
 class SurveyedVolume:
@@ -156,6 +159,11 @@ class SurveyedVolume:
         """What is unusual about the values, for a person to know."""
         if self.survey.low == self.survey.high:
             return [f"every voxel has the value {self.survey.low:.7g}: the volume is a block without structure"]
+        extreme = max(self.survey.low, self.survey.high, key=abs)
+        together = max(self.density_counts, default=0) / max(sum(self.density_counts), 1)
+        if abs(extreme) >= LIKE_A_FILL_VALUE and together >= NEARLY_ALL:
+            told = "if that stands for no data, mark it so (NaN, a fill value), or give the window of the others"
+            return [f"some voxels have {extreme:.7g}, which makes nearly all others one density: {told}"]
         return []
 
     def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable

@@ -81,6 +81,14 @@ def test_what_had_to_be_assumed_of_a_volume_is_a_warning_at_the_call(tmp_path: P
         vs.render(vs.Volume(np.ones((4, 4, 4), np.float32), spacing=(1, 1, 1)), size=16)
 
 
+def test_a_value_that_leaves_the_others_no_densities_is_told_of() -> None:
+    """One voxel of a fill value that nobody declared makes all others alike."""
+    values = np.random.default_rng(3).normal(size=(16, 16, 16)).astype(np.float32)
+    values[3, 4, 5] = 1e20
+    with pytest.warns(vs.VolumeNote, match=r"some voxels have 1e\+20, which makes nearly all others one density"):
+        vs.render(vs.Volume(values, spacing=(1, 1, 1)), size=16)
+
+
 @pytest.mark.parametrize("place", ["in a notebook", "on a display"])
 def test_whatever_shows_a_volume_warns_of_what_is_odd_about_it(place: str, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = list[vs.Session]()
