@@ -6,6 +6,7 @@ MINUS = "−"
 MOST_DIGITS = 5  # before or after the point; beyond it numbers are written with their power of ten
 LEAST_SIGNIFICANT = 6
 STEPS = (1, 2, 5)
+ROUNDING = 1e-9  # of a step, by which the end of an axis may miss the tick on it
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
@@ -19,9 +20,10 @@ def ticks(low: float, high: float, most: int) -> list[float]:
     for power in range(exponent, exponent + 4):
         for factor in STEPS:
             step = float(f"{factor}e{power}")
-            first, last = math.ceil(low / step), math.floor(high / step)
+            first, last = math.ceil(low / step - ROUNDING), math.floor(high / step + ROUNDING)
             if last - first < most:
-                return [float(f"{n * factor}e{power}") for n in range(first, last + 1)]
+                found = (float(f"{n * factor}e{power}") for n in range(first, last + 1))
+                return [min(max(value, low), high) for value in found]
     raise AssertionError("a step of the whole range is tried")
 
 

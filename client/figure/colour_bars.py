@@ -87,7 +87,8 @@ class ColourBars:
             for x, (name, colour) in row:
                 side, rim, upper = SWATCH * em, max(round(em / 14), 1), base - SWATCH * em * 0.9
                 shapes.append(Box(x, upper, side, side, ink))  # else white on white would not be seen
-                shapes.append(Box(x + rim, upper + rim, side - 2 * rim, side - 2 * rim, colour))
+                inner = max(side - 2 * rim, 0.0)
+                shapes.append(Box(x + rim, upper + rim, inner, inner, colour))
                 shapes.append(Words(x + 1.2 * em, base, name, em, ink))
         return shapes
 

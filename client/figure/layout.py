@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.figure.colour_bars import NONE, ColourBars, colour_bars
+from volsplat.client.figure.colour_bars import INSET, NONE, ColourBars, colour_bars
 from volsplat.client.figure.drawing import Anchor, Drawing, Shape, Words
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.pointing_labels import pointing_labels
@@ -22,6 +22,7 @@ TITLE_BASE = 1.35
 TITLE_SIZE = 1.15  # of other words
 LEAST_TITLE = 0.5  # of that, where a title is longer than the figure is wide
 LEAST_PICTURE = 16  # pixels
+LEAST_BAR = 0.5  # of a colour bar's length
 
 
 def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
@@ -29,10 +30,10 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
     if figure.width == "auto":
         if figure.height != "auto":
             raise BadInput("a figure's height needs its width; give both, in cm")
-        _title_size(figure, scene.image.width)
+        _check_room(figure, scene.image.width)
         return scene
     width = figure.pixels(figure.width)
-    _title_size(figure, width)
+    _check_room(figure, width)
     if figure.height == "auto":
         height = round(width * scene.image.height / scene.image.width)
     else:
@@ -87,6 +88,17 @@ def laid_out(
 def _title(figure: Figure, width: int, ink: tuple[float, float, float]) -> Words:
     size = _title_size(figure, width)
     return Words(width / 2, TITLE_BASE * figure.em, figure.title, size, ink, None, Anchor.MIDDLE, bold=True)
+
+
+def _check_room(figure: Figure, width: int) -> None:
+    """Raises BadInput for a title or colour bars that have none."""
+    if figure.title:
+        _title_size(figure, width)
+    if figure.colour_bar and width < (2 * INSET + LEAST_BAR) * figure.em:
+        raise BadInput(
+            f"a picture of {width} pixels is too narrow for colour bars in this text size; make it larger, lower the "
+            "dpi or the text size, or leave the bars out"
+        )
 
 
 def _title_size(figure: Figure, width: int) -> int:

@@ -13,6 +13,7 @@ import pypdfium2.raw
 import pytest
 from numpy.typing import NDArray
 
+import volsplat as vs
 from support.files.head_volume import SIZE, head
 from support.files.images import read_image
 from support.programs.programs import Person
@@ -170,6 +171,25 @@ def test_a_title_is_smaller_where_it_is_long_and_refused_where_it_would_not_be_r
     for refused in (lambda: laid_out(picture, LONG, scene, volume), lambda: sized(LONG, scene, volume)):
         with pytest.raises(BadInput, match="the figure's title has no room"):
             refused()
+
+
+def test_a_picture_too_narrow_for_colour_bars_is_refused_for_that(drawn: Drawn) -> None:
+    """And not for a title that it does not have."""
+    _, scene, volume = drawn
+    for width in (1, 3, 40, 64):
+        with pytest.raises(BadInput, match=f"a picture of {width} pixels is too narrow for colour bars"):
+            sized(Figure(), scene.with_(size=(width, 300)), volume)
+        assert sized(Figure(colour_bar=False), scene.with_(size=(width, 300)), volume).image.width == width
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_classes_are_told_in_few_pixels(suffix: str, tmp_path: Path) -> None:
+    labels = np.zeros((8, 8, 8), np.uint8)
+    labels[2:6, 2:6, 2:6] = 3
+    volume = vs.Volume(labels, spacing=(1, 1, 1), kind="labels")
+    path = tmp_path / f"labels{suffix}"
+    vs.render(volume, size=200, figure=vs.Figure(dpi=20)).save(path)
+    assert path.stat().st_size > 0 and b'="-' not in path.read_bytes()
 
 
 def test_svg_of_another_program_has_no_scene(tmp_path: Path) -> None:

@@ -91,6 +91,12 @@ def test_ticks_are_the_multiples_of_a_round_step_within_the_range(start: float, 
         assert [float(text.replace("−", "-")) for text in texts] == pytest.approx(values, rel=1e-9, abs=steps[0] / 100)
 
 
+@pytest.mark.parametrize(("high", "most"), [(0.3, 7), (0.6, 7), (1.2, 7), (0.7, 8), (0.3, 4)])
+def test_an_axis_that_ends_at_a_round_number_has_a_tick_there(high: float, most: int) -> None:
+    assert ticks(0.0, high, most)[-1] == high
+    assert ticks(-high, 0.0, most)[0] == -high
+
+
 @given(st.lists(st.sampled_from([0.0, 0.25, 0.5, 1.0]), min_size=2, max_size=40))
 def test_a_ramp_and_a_curve_are_told_by_the_points_at_which_they_bend(values: list[float]) -> None:
     ramp = Ramp(0.0, 0.0, 1.0, 1.0, tuple((value, 1 - value, 0.5) for value in values))
