@@ -12,12 +12,12 @@ from typing import Any, NoReturn, TypeVar
 import click
 
 from volsplat.program.clients import Clients, Life
+from volsplat.program.command_lines import Seconds
 from volsplat.program.counts import Counts
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, quick_end, status_of
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
-from volsplat.program.option_types import Seconds
 from volsplat.program.place_failures import place_failure
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from volsplat.program.command_lines import HELP, examples
 from volsplat.program.counts import Counts
-from volsplat.program.help_examples import HELP, examples
 from volsplat.program.server_process import (
     THREADS,
     address_option,

@@ -17,8 +17,8 @@ from click.shell_completion import CompletionItem
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.caller.meant import meant
 from volsplat.deploy.server_command import Program
+from volsplat.program.command_lines import HELP
 from volsplat.program.extras import need
-from volsplat.program.help_examples import HELP
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
 from volsplat.program.many_imports import many_imports
 from volsplat.protocol.text.errors import BadInput

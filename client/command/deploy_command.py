@@ -18,8 +18,8 @@ from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Size
 from volsplat.deploy.launchers.launcher import ServerState
+from volsplat.program.command_lines import examples
 from volsplat.program.exit_status import EXIT_FAILED
-from volsplat.program.help_examples import examples
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from volsplat.program.help_examples import examples
+from volsplat.program.command_lines import examples
 from volsplat.program.server_process import together
 
 Command = TypeVar("Command", bound=Callable[..., Any])

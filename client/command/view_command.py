@@ -29,9 +29,9 @@ from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.client.ui.doors.public_address import PublicAddress
+from volsplat.program.command_lines import Seconds
 from volsplat.program.extras import need
 from volsplat.program.many_imports import many_imports
-from volsplat.program.option_types import Seconds
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
 from volsplat.protocol.description.volume_name import volume_name

@@ -9,7 +9,7 @@ import click
 
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
-from volsplat.program.help_examples import HELP, examples
+from volsplat.program.command_lines import HELP, examples
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.task_pool import PoolOpener
 from volsplat.protocol.text.byte_sizes import bytes_from_option

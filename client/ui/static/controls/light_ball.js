@@ -1,7 +1,7 @@
 // @ts-check
 // A small ball that a light is dragged on: shaded as the light falls on it, with a dot where the light stands.
 
-import { onPixelRatio } from "../viewport/pixel_ratio.js";
+import { onPixelRatio } from "../browser/pixel_ratio.js";
 
 /** @typedef {[number, number, number]} Direction along the screen's axes: x right, y up, z towards the viewer */
 

@@ -4,7 +4,7 @@
 //   one finger does as a drag · two zoom and pan
 
 import { middleOf, spanOf } from "../viewport/camera.js";
-import { onTrackpadPinch } from "../viewport/trackpad_pinch.js";
+import { onTrackpadPinch } from "../browser/trackpad_pinch.js";
 
 /** @typedef {import("../viewport/camera.js").Point} Point */
 /** @typedef {import("../viewport/rotation.js").Vector} Vector */

@@ -1,7 +1,7 @@
 // One slice: its image, and over it the bounds, the point that all slices share, and what lies on each side. It is a slider
 // as well, whose value is the slice that it shows.
 
-import { onPixelRatio } from "../viewport/pixel_ratio.js";
+import { onPixelRatio } from "../browser/pixel_ratio.js";
 import { svg } from "../viewport/svg.js";
 import { SliceGestures } from "./slice_gestures.js";
 

@@ -4,7 +4,7 @@
 //   one finger turns · two zoom and pan
 
 import { panned, pinched, rolled, turned, zoomed } from "./camera.js";
-import { onTrackpadPinch } from "./trackpad_pinch.js";
+import { onTrackpadPinch } from "../browser/trackpad_pinch.js";
 
 const CLICK = 3; // CSS pixels: what moves less is a click
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom

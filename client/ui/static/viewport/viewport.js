@@ -10,7 +10,7 @@ import { Outbox, remember } from "./outbox.js";
 import { PictureAlone } from "./picture_alone.js";
 import { pictureButtons } from "./picture_buttons.js";
 import { PictureCanvas } from "./picture_canvas.js";
-import { onPixelRatio } from "./pixel_ratio.js";
+import { onPixelRatio } from "../browser/pixel_ratio.js";
 import { namedView } from "./rotation.js";
 import { Steering } from "./steering.js";
 import { TroubleBar } from "./trouble_bar.js";

@@ -1,10 +1,17 @@
-"""Types of options that commands and servers share."""
+"""What all command lines have alike: how help is asked for, the lines to type at its end, and times."""
 
 from typing import Any
 
 import click
 
+HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}  # of click's context
 LONGEST_WAIT = 1e7  # seconds, 115 days: what clocks and sockets take
+
+
+def examples(*lines: str) -> str:
+    """As click's epilog."""
+    typed = "\n".join(f"  {line}" for line in lines)
+    return f"\b\nExample{'s' * (len(lines) > 1)}:\n{typed}"
 
 
 class Seconds(click.FloatRange):
