@@ -17,6 +17,7 @@ from volsplat.protocol.rules.resolved_view import screen_rotation
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 GRADIENT_FIELDS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
 SCREEN_FIELDS = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
+OPPOSITE = 1e-9  # the length of light plus eye, below which they are opposite but for rounding
 
 
 def blocks(plan: FramePlan, indices: Tensor) -> tuple[Tensor, Tensor]:
@@ -75,7 +76,7 @@ def light_of_directions(scene: Scene, step: Step, directions: Tensor) -> Tensor:
         light = matrices.applied(to_physical, light)
     eye = matrices.applied(to_physical, (0.0, 0.0, 1.0))
     between = matrices.plus(light, eye)
-    half = matrices.normalised(between) if any(between) else (0.0, 0.0, 0.0)
+    half = matrices.normalised(between) if matrices.length(between) > OPPOSITE else (0.0, 0.0, 0.0)
 
     outward = -directions
     x, y, z = outward.unbind(-1)

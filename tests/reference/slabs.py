@@ -16,6 +16,7 @@ from reference import mapping
 from reference.combining import FROZEN_ALPHA
 from reference.footprint import integral
 from reference.plane import plane_table
+from reference.shading import OPPOSITE
 from reference.slab_kernels import slab_density
 from reference.slab_light import BlockLight, block_light
 from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, SlabKernel, Step
@@ -359,7 +360,7 @@ def _light(gradient: Tensor, scene: Scene) -> Tensor:
     if scene.light.fixed_to == "world":
         light = matrices.applied(to_physical, light)
     between = matrices.plus(light, matrices.applied(to_physical, (0.0, 0.0, 1.0)))
-    half = matrices.normalised(between) if any(between) else (0.0, 0.0, 0.0)
+    half = matrices.normalised(between) if matrices.length(between) > OPPOSITE else (0.0, 0.0, 0.0)
     size = torch.linalg.vector_norm(gradient, dim=-1)
     outward = -gradient / size.clamp(min=1e-300)[..., None]
     lambert, towards_half = (outward @ torch.tensor(v, dtype=torch.float64) for v in (light, half))

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from support.thoroughness import examples
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -230,4 +230,5 @@ def test_who_has_no_room_for_a_temporary_file_is_told_the_cure(
         patched.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
         with pytest.raises(VolsplatError):
             dialled(listener.address, token, Encryption.ALWAYS)
-    assert "TLS needs a temporary file: No such file or directory; set TMPDIR to a folder" in caplog.text
+        told = "TLS needs a temporary file: No such file or directory; set TMPDIR to a folder"
+        wait_until(lambda: told in caplog.text, "told")
