@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from typing import Any
 
 from volsplat.program.plain_console import PlainConsole
 
@@ -16,9 +15,10 @@ class SideConsole(PlainConsole):
     def __init__(self) -> None:
         super().__init__(stderr=True)
 
-    def print(self, *objects: Any, **options: Any) -> None:
+    def _check_buffer(self) -> None:
+        """All that is written passes here, of lines as of a status and its end."""
         try:
-            super().print(*objects, **options)
+            super()._check_buffer()
         except OSError:
             self._fall_silent()
 

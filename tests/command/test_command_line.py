@@ -395,6 +395,14 @@ def test_a_lost_stderr_takes_no_file_with_it(person: Person, lost: str, command:
     assert done.returncode == 0 and [name for name in files if not (person.folder / name).exists()] == []
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+def test_a_lost_stderr_ends_no_command_that_begins_with_a_status(person: Person, head: Path) -> None:
+    with open("/dev/full", "w") as full:
+        command = [str(VOLSPLAT), "scene", str(head)]
+        done = subprocess.run(command, cwd=person.folder, stdout=subprocess.PIPE, stderr=full, timeout=PATIENCE)
+    assert done.returncode == 0 and b"[tables" in done.stdout
+
+
 @pytest.mark.parametrize(
     "command",
     [
