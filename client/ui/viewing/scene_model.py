@@ -67,13 +67,14 @@ class SceneModel:
         A row of changes that are not settled, and the settled one that ends it, are undone as one; the image's size
         stays. Raises ValueError if the edit makes no valid scene; the last good one stays in force.
         """
+        if settled:
+            self._held.discard(by)
         scene = self._fitted(edit(self.scene))
         if not _same_but_for_size(self.scene, scene):
             if self._gesture is None:
                 self._gesture = self.scene
             self._after.clear()
         if settled:
-            self._held.discard(by)
             self._end_gesture(scene)
         else:
             self._held.add(by)
@@ -100,6 +101,7 @@ class SceneModel:
 
     def undo(self, by: str = "") -> None:
         """Take the last change back, but for the image's size."""
+        self._held.discard(by)
         self._end_gesture(self.scene)
         if self._before:
             self._after.append(self.scene)
@@ -107,6 +109,7 @@ class SceneModel:
 
     def redo(self, by: str = "") -> None:
         """Make the last undone change again."""
+        self._held.discard(by)
         if self._after:
             self._before.append(self.scene)
             self._publish(_in_size_of(self.scene, self._after.pop()), by)

@@ -199,11 +199,10 @@ class ViewportTalk:
         Where the pointer has been meanwhile nobody need know, unless it was picked there.
         """
         self._newest_probe += 1
-        number = self._newest_probe
+        number, scene = self._newest_probe, self._viewing.model.scene
         async with self._probing:
             if number != self._newest_probe and not picked:
                 return
-            scene = self._viewing.model.scene
             try:
                 found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
             except VolsplatError as error:

@@ -217,8 +217,7 @@ export class PatchEditor {
   /** @param {Partial<Patch>} change @param {boolean} settled */
   _put(change, settled) {
     const patch = this.patches[this.selected];
-    if (!patch) return;
-    this._change({ ...patch, ...change });
+    if (patch) this._change({ ...patch, ...change });
     if (settled) this._settle();
   }
 
