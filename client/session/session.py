@@ -105,7 +105,8 @@ class Session:
     the file `trace`, as JSON that chrome://tracing and Perfetto load. Servers that are started here read nothing
     outside of the folder `data_root`, if given; Linux alone can hold them to it. `on_progress` gets one line for each
     thing that takes time, `on_loss` one for each server that the session goes on without, on threads of the session:
-    they may close it, but what would have to wait for it there raises BadInput.
+    what would have to wait for it there raises BadInput. Both may close it, but `on_progress` of a session by `cluster`
+    should leave that to another thread.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
     Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with

@@ -68,7 +68,7 @@ from volsplat.mapshade_server.answers.visible_voxels import VoxelSheets
 from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
 from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
-from volsplat.mapshade_server.held.sub_cube import mixture_of
+from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.scene import Scene, Step
@@ -215,12 +215,13 @@ class SingleProcess:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
         scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        packing, resolution = self._packed(scene, Step.F), self._holding.finest()
+        with self._drawing:
+            packing, resolution = self._packed(scene, Step.F), self._holding.finest()
+            sub_cubes, rules = self._held.sub_cubes(resolution.level), packing.quantisation
         try:
             line = line_of_sight(scene, geometry, x, y, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        sub_cubes, rules = self._held.sub_cubes(resolution.level), packing.quantisation
         return front_most(sub_cubes, geometry, rules, shading_rule(scene, Step.F), line)
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
@@ -238,37 +239,42 @@ class SingleProcess:
         """A slice across "i", "j" or "k", in the scene's colours; see Session. Raises BadInput."""
         scene, across = checked_scene(scene), checked_axis(axis)
         index, longest = checked_place(index, "index"), checked_count(longest, "longest")
-        fields, resolution = self._fields(scene)
+        fields, resolution, sub_cubes = self._fields(scene)
         try:
             plane = level_plane(fields.geometry.dims, fields.plan.factors, across, index, longest)
         except ValueError as error:
             raise BadInput(str(error)) from error
         whole = VolumeSlice.empty(plane, fields.plan.factors, fields.quantisation)
-        for part, samples in slice_parts(self._held.sub_cubes(resolution.level), fields, plane):
+        for part, samples in slice_parts(sub_cubes, fields, plane):
             whole.take([part], samples)
         return whole
 
     def plane_counts(self, scene: Scene) -> PlaneCounts:
         """How many voxels have each density with each strength; see Session. Raises BadInput."""
-        _, resolution = self._fields(checked_scene(scene))
-        return PlaneCounts().plus(plane_counts(self._held.sub_cubes(resolution.level)))
+        _, _, sub_cubes = self._fields(checked_scene(scene))
+        return PlaneCounts().plus(plane_counts(sub_cubes))
 
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
         scene, every = checked_scene(scene), checked_count(every, "every")
-        fields, resolution = self._fields(scene)
-        return VoxelSheets(self._held.sub_cubes(resolution.level), fields, resolution.geometry, every)
+        fields, resolution, sub_cubes = self._fields(scene)
+        return VoxelSheets(sub_cubes, fields, resolution.geometry, every)
 
-    def _fields(self, scene: Scene) -> tuple[VoxelFields, Resolution]:
-        """What step F of a scene makes of the voxels that are held for it, and which these are. Raises BadInput."""
+    def _fields(self, scene: Scene) -> tuple[VoxelFields, Resolution, list[SubCube]]:
+        """What step F of a scene makes of the voxels that are held for it, and which these are. Raises BadInput.
+
+        They stay what they are, whatever another thread has held next.
+        """
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
+        with self._drawing:
+            rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
+            sub_cubes = self._held.sub_cubes(resolution.level)
         try:
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        mixture = mixture_of(self._held.sub_cubes(resolution.level))
-        return VoxelFields(geometry, rules, shading_rule(scene, Step.F), plan, mixture), resolution
+        fields = VoxelFields(geometry, rules, shading_rule(scene, Step.F), plan, mixture_of(sub_cubes))
+        return fields, resolution, sub_cubes
 
     def _drawn(self, begun: _Begun, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one. Raises Superseded."""

@@ -136,6 +136,24 @@ def test_threads_that_ask_one_process_at_once_get_their_own_images(head: Path) -
                 assert (bits(image.result(PATIENCE)) == expected[n % len(scenes)]).all()
 
 
+def test_what_a_thread_reads_of_one_process_is_what_it_asked_for(head: Path) -> None:
+    """Whatever others draw meanwhile, of other packets."""
+    with SingleProcess(head, threads=1) as shared, ThreadPoolExecutor(1) as other:
+        first = shared.volume.default_scene().with_(size=20)
+        low, high = (first.with_(window=(0.0, end)) for end in (900.0, 1800.0))
+        expected, found = shared.read_slice(low, "k", 8).tensor, shared.probe(low, 10, 10)
+        often = sys.getswitchinterval()
+        try:
+            sys.setswitchinterval(1e-5)
+            drawn = other.submit(lambda: [shared.finish(scene, Step.A) for _ in range(60) for scene in (low, high)])
+            while not drawn.done():
+                assert shared.read_slice(low, "k", 8).tensor.equal(expected)
+                assert shared.probe(low, 10, 10) == found
+        finally:
+            sys.setswitchinterval(often)
+        drawn.result()
+
+
 def test_of_refinements_of_one_process_a_newer_one_ends_the_older_in_whatever_thread(head: Path) -> None:
     with SingleProcess(head, threads=2) as shared, ThreadPoolExecutor(1) as other:
         scene = shared.volume.default_scene().with_(size=1500)
