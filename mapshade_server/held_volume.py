@@ -233,7 +233,12 @@ class HeldVolume:
         self._budget.take(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
         self._levels, self._again, self._quantisation = {}, None, None
         wanted = self._while_wanted(reader, request.assignment)
-        sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, asked.boxes, held)
+        try:
+            sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, asked.boxes, held)
+        except GivenUp:
+            if held:  # for the client after this one
+                self._levels, self._quantisation = {0: held}, request.quantisation
+            raise
         check_still(asked.path, reader, reader.describe(), asked.identity)
         self._levels, self._quantisation = {0: sub_cubes}, request.quantisation
         return [self._packed(request.assignment, started, read)]

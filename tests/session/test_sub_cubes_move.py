@@ -230,6 +230,23 @@ def test_the_next_client_finds_what_the_one_before_has_left(volume: Path) -> Non
     assert asked_of(held, volume, MOVED[1], rules) == asked_of(HeldVolume(), volume, MOVED[1], rules)
 
 
+def test_a_client_that_goes_while_more_is_read_leaves_what_was_there(volume: Path) -> None:
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    held = HeldVolume()
+    asked_of(held, volume, SECOND, rules)
+    described = answered(held, messages.DescribeVolume(str(volume)))
+    assert isinstance(described, messages.VolumeDescribed)
+    answered(held, messages.ChangeSubCubes(2, str(volume), [FIRST], described.identity, rules))
+    left = packets(held)
+    held.keep()
+    answered(held, messages.ReadSubCubes(1, str(volume), [SECOND], described.identity))
+    held.superseded = lambda assignment: True
+    assert held.answers(messages.PackVoxels(1, rules)) == []
+    held.keep()
+    assert packets(held) == left
+
+
 def test_other_rules_and_another_volume_are_not_taken_for_what_is_kept(volume: Path, tmp_path: Path) -> None:
     with SingleProcess(volume) as single:
         rules = single.volume.quantisation(scene(single).quantise)
