@@ -49,7 +49,7 @@ from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import bounded_codecs
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import files_of_arrays
-from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import folder_store
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import PACKET_STORE, folder_store
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
@@ -59,7 +59,6 @@ from volsplat.protocol.text.errors import BadInput
 
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
-ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
 FORMAT = 8
 PREPARE_ANEW = "delete it and run `volsplat prepare` again"
@@ -109,7 +108,7 @@ class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):
     def as_attributes(self) -> dict[str, Any]:
         """The group's attributes: these, and their checksum."""
         told: dict[str, Any] = msgspec.to_builtins(self)
-        return {ATTRIBUTE: told, CHECKSUM: _checksum(told)}
+        return {PACKET_STORE: told, CHECKSUM: _checksum(told)}
 
 
 class PacketStore:
@@ -272,7 +271,7 @@ class PacketStore:
 
 def is_store(folder: Path) -> bool:
     """Whether a folder is a packet store, finished or not. Zarr is not imported for it."""
-    return ATTRIBUTE in _group_attributes(folder)
+    return PACKET_STORE in _group_attributes(folder)
 
 
 def attributes_of(folder: Path) -> StoreAttributes:
@@ -305,7 +304,7 @@ def open_store(place: str) -> PacketStore:
 
 def stored_attributes(place: str, attributes: dict[str, Any]) -> StoreAttributes:
     """What the attributes of a group say. Raises BadInput if they are not those of a store of this format."""
-    told = attributes.get(ATTRIBUTE)
+    told = attributes.get(PACKET_STORE)
     if not isinstance(told, dict):
         raise BadInput(f"{place}: is no packet store; make one by `volsplat prepare VOLUME {place}`")
     if told.get("format") != FORMAT:

@@ -7,6 +7,8 @@ from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.zarr_arrays.web_failures import drop_left_over
 
+PACKET_STORE = "volsplat"  # the attribute of the group that `volsplat prepare` makes
+
 
 def folder_store(folder: str) -> Any:
     """The store to read from. What is asked of it raises BadInput if that is a FIFO, a device or a lost link."""

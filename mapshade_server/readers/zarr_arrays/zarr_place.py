@@ -22,6 +22,7 @@ from volsplat.protocol.text.errors import BadInput
 METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
 LIBRARIES = {"http": "aiohttp", "https": "aiohttp", "s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs"}
 LARGEST_METADATA = 1 << 26
+MOST_ABOVE = 3  # groups between an image, or a packet store, and an array of it
 
 
 class ZarrPlace(NamedTuple):
@@ -43,6 +44,21 @@ class ZarrPlace(NamedTuple):
 
     def is_array(self, node: Any) -> bool:
         return isinstance(node, self.zarr.Array)
+
+    def around(self) -> "Iterator[tuple[ZarrPlace, str]]":
+        """The places that hold this one, from the inside out, and the path from each of them.
+
+        What is there need not be Zarr, nor be open to this person: opening it, and looking, may raise anything.
+        """
+        if self.above is None:
+            return
+        name, path = self.name, ""
+        for _ in range(MOST_ABOVE):
+            name, _, last = name.rpartition("/")
+            if not name or name.endswith("/"):
+                return
+            path = f"{last}/{path}".strip("/")
+            yield self.above(name), path
 
 
 def folder(name: str) -> ZarrPlace:

@@ -1,6 +1,7 @@
 """Which array of a Zarr hierarchy is meant: by path, as a level of an image's pyramid, or the only one there is."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
@@ -8,12 +9,11 @@ from volsplat.mapshade_server.readers.arrays.array_volume import array_told, cho
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Multiscale, multiscale_of
-from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, ZarrPlace, folder
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import PACKET_STORE
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, MOST_ABOVE, ZarrPlace, folder
 from volsplat.protocol.text.errors import BadInput
 
-MOST_ABOVE = 3  # groups between an image and the array of one of its levels
 MOST_NODES = 200  # that are looked at for volumes
-STORE = "volsplat"  # the attribute that a packet store's group has
 
 
 class FoundArray(NamedTuple):
@@ -29,12 +29,12 @@ class FoundArray(NamedTuple):
 
 def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:
     """The array that the part means. Raises BadInput if there is none, or several and none is named."""
-    if _within_store(part, place):
+    node = place.node(part.path)
+    if _is_of_store(part, place, node):
         raise BadInput(
             f"{part.whole}: is of a packet store, which `volsplat prepare` has made: name the store itself, or, to "
             "prepare it anew, the volume that it was made from"
         )
-    node = place.node(part.path)
     if node is None:
         return _level_by_number(part, place)
     if not place.is_array(node):
@@ -42,24 +42,19 @@ def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:
     return _level_of_image(part, place) or _level_from_above(part, place) or FoundArray(part, place, node)
 
 
-def _within_store(part: ArrayPart, place: ZarrPlace) -> bool:
-    """Whether one of the groups that hold what is named is a packet store, whose arrays are no volumes."""
+def _is_of_store(part: ArrayPart, place: ZarrPlace, node: Any) -> bool:
+    """Whether what is named, or a group that holds it, is a packet store, whose arrays are no volumes."""
     words = part.path.split("/") if part.path else []
-    within = (place.node("/".join(words[:depth])) for depth in range(len(words) + 1))
-    return any(STORE in node.attrs for node in (*within, *_nodes_above(place)) if node is not None)
+    holding = (place.node("/".join(words[:depth])) for depth in range(len(words)))
+    return any(PACKET_STORE in group.attrs for group in (node, *holding, *_nodes_above(place)) if group is not None)
 
 
 def _nodes_above(place: ZarrPlace) -> Iterator[Any]:
     """The groups around a folder, from the inside out, as far as they are Zarr and open to this person."""
-    name = place.name
-    for _ in range(MOST_ABOVE):
-        name, _, last = name.rpartition("/")
-        if place.above is not folder or not last or not name or name.endswith("/"):
-            return
-        try:
-            yield folder(name).node("")
-        except Exception:  # whatever: what is above need not be Zarr
-            return
+    if place.above is folder:
+        with suppress(Exception):
+            for above, _ in place.around():
+                yield above.node("")
 
 
 def _level_by_number(part: ArrayPart, place: ZarrPlace) -> FoundArray:
@@ -113,20 +108,12 @@ def _level_of_image(part: ArrayPart, place: ZarrPlace) -> FoundArray | None:
 
 def _level_from_above(part: ArrayPart, place: ZarrPlace) -> FoundArray | None:
     """The array that the place itself is, as a level of an image that begins above the place."""
-    name, path = part.place, ""
-    if place.above is None or part.path:
+    if part.path:
         return None
-    for _ in range(MOST_ABOVE):
-        name, _, last = name.rpartition("/")
-        if not name or name.endswith("/"):
-            return None
-        path = f"{last}/{path}".strip("/")
-        try:
-            found = _as_level(ArrayPart(name, path, part.options), place.above(name), "", path)
-        except Exception:  # whatever: what is above need not be Zarr, nor be open to this person
-            return None
-        if found is not None:
-            return found
+    with suppress(Exception):
+        for above, path in place.around():
+            if (found := _as_level(ArrayPart(above.name, path, part.options), above, "", path)) is not None:
+                return found
     return None
 
 

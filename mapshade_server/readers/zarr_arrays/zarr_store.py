@@ -7,6 +7,7 @@ their coordinate arrays. Other arrays are named by their path.
 import base64
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -162,17 +163,14 @@ def _nodes_beside(found: FoundArray) -> Callable[[str], Any]:
     group, _, own_name = found.part.path.rpartition("/")
     if own_name:
         return lambda name: place.node(f"{group}/{name}")
-    above, _, last = place.name.rpartition("/")
-    if place.above is None or not above or not last or above.endswith("/"):
-        return lambda name: None
-    return partial(_node_above, place.above, above)
+    return partial(_node_above, place)
 
 
-def _node_above(opened: Callable[[str], ZarrPlace], above: str, name: str) -> Any:
-    try:
-        return opened(above).node(name)
-    except Exception:  # whatever: what is above need not be Zarr, nor be open to this person
-        return None
+def _node_above(place: ZarrPlace, name: str) -> Any:
+    with suppress(Exception):
+        for above, _ in place.around():
+            return above.node(name)
+    return None
 
 
 def _fill_value(array: Any, attributes: Json) -> dict[str, Any]:
