@@ -227,6 +227,21 @@ class Connection:
         Raises PeerLost where the stream ends or fails, RemoteProtocolError where it breaks the protocol; the
         connection is closed then.
         """
+        try:
+            return self._next_message()
+        except ConnectionClosed:
+            return None
+        except RemoteProtocolError as error:
+            self.close()
+            raise RemoteProtocolError(f"{self} broke the protocol: {error}") from error
+        except OSError as error:
+            lost = self._lost(error)
+            if isinstance(lost, ConnectionClosed):
+                return None
+            raise lost from error
+
+    def _next_message(self) -> Received:
+        """It, once it is whole. If it never is, a descriptor that has come for it is closed."""
         began = 0.0
         try:
             with self._inside():
@@ -246,22 +261,9 @@ class Connection:
                         self.descriptors.come(received.message)
                         self.counters.seconds_in_message = time.perf_counter() - began
                         return received
-        except ConnectionClosed:
-            self.descriptors.close()
-            return None
-        except PeerLost:
+        except BaseException:
             self.descriptors.close()
             raise
-        except RemoteProtocolError as error:
-            self.close()
-            self.descriptors.close()
-            raise RemoteProtocolError(f"{self} broke the protocol: {error}") from error
-        except OSError as error:
-            self.descriptors.close()
-            lost = self._lost(error)
-            if isinstance(lost, ConnectionClosed):
-                return None
-            raise lost from error
 
     def give_up(self, loss: str) -> None:
         """Close it since the peer is lost: `loss` says so, and is what receive() and send() raise."""
