@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from volsplat.deploy.launcher_keys import DaskKeys, KubernetesKeys, SlurmKeys, SshKeys
 from volsplat.deploy.server_command import first_word
+from volsplat.program.command_lines import LONGEST_WAIT
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
@@ -105,7 +106,7 @@ class Cluster(Table, frozen=True, kw_only=True):
     silence: Annotated[float, Meta(ge=LEAST_SILENCE, le=MOST_SILENCE)] = (
         2.0  # seconds, after which a peer that says nothing is lost
     )
-    keep: Annotated[float, Meta(gt=0, le=1e7)] = 600.0  # seconds that servers keep their packets without a client
+    keep: Annotated[float, Meta(gt=0, le=LONGEST_WAIT)] = 600.0  # seconds that servers stay without a client
     token_file: Text | None = None  # absent: `volsplat deploy up` makes one
     log_format: LogFormat = "text"  # of the servers' logs
 

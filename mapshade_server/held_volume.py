@@ -308,7 +308,7 @@ class HeldVolume:
                 )
             except GivenUp:
                 self._levels = kept | self._levels
-                return []
+                raise
             read += more
         check_still(request.path, store, store.description, request.identity)
         self.assignment = request.assignment
