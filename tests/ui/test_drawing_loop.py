@@ -26,7 +26,7 @@ from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
 from volsplat.client.ui.viewport.viewport_messages import picture_message
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import Bounds, Scene, Step
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.errors import VolsplatError
 
@@ -51,6 +51,11 @@ class Drawn:
         picture = self._pictures.get(timeout=PATIENCE)
         assert isinstance(picture, Picture)
         return picture
+
+    def next_failure(self) -> VolsplatError:
+        failure = self._pictures.get(timeout=PATIENCE)
+        assert isinstance(failure, VolsplatError)
+        return failure
 
     def last(self) -> list[Picture]:
         """All up to the last one."""
@@ -145,6 +150,17 @@ def test_the_first_picture_whose_step_is_finished_is_told_once(drawn: Drawn) -> 
     drawn.last()
     (first,) = drawn.firsts
     assert first.complete and first.step == Step.A
+
+
+def test_what_cannot_be_drawn_is_told_and_known_until_the_scene_is_another(drawn: Drawn) -> None:
+    assert drawn.loop.failure is None
+    drawn.model.change(lambda scene: scene.with_(bounds=Bounds(high=(999, -1, -1))))
+    told = drawn.next_failure()
+    assert "give low < high" in str(told) and drawn.loop.failure is told
+    drawn.model.change(lambda scene: scene.with_(bounds=Bounds()))
+    assert drawn.loop.failure is None
+    drawn.last()
+    assert drawn.loop.failure is None
 
 
 def test_pictures_are_encoded_before_they_are_shown_unless_nobody_watches(

@@ -17,6 +17,8 @@ from weakref import WeakKeyDictionary, finalize
 from nicegui import Client, context, ui
 from starlette.responses import FileResponse, PlainTextResponse, Response
 
+from volsplat.protocol.text.errors import BadInput
+
 FILES_PATH = "/volsplat/files"
 KEPT = 4  # of a tab, so that the browser may go on with one whose line was cut
 
@@ -49,10 +51,33 @@ def hand_file(path: Path) -> None:
 
 
 async def hand_bytes(data: bytes, name: str) -> None:
-    """Likewise of what is to be in a file of that name."""
-    path = Path(tempfile.mkdtemp(prefix="volsplat-saved-"), name)
-    await asyncio.to_thread(path.write_bytes, data)
-    hand_file(path)
+    """Likewise of what is to be in a file of that name. Raises BadInput if there is no room for it."""
+    hand_file(await asyncio.to_thread(_written, data, name))
+
+
+def folder_to_hand() -> Path:
+    """An empty folder for a file that is to be handed. Raises BadInput if there can be none."""
+    try:
+        return Path(tempfile.mkdtemp(prefix="volsplat-saved-"))
+    except OSError as error:
+        raise _no_room(error) from error
+
+
+def _written(data: bytes, name: str) -> Path:
+    path = folder_to_hand() / name
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        shutil.rmtree(path.parent, ignore_errors=True)
+        raise _no_room(error) from error
+    return path
+
+
+def _no_room(error: OSError) -> BadInput:
+    return BadInput(
+        f"volsplat's temporary folder holds what a browser is to save: {error.strerror or error}; free space there, or "
+        "set TMPDIR to another folder where volsplat runs"
+    )
 
 
 async def handed_file(key: str) -> Response:

@@ -60,14 +60,13 @@ class FigureDialog:
         try:
             figure, scene = self._figure(), self._viewing.model.scene
             data = await asyncio.to_thread(figure_bytes, drawing, scene, figure, kind, self._left.is_set)
+            if data is not None:
+                await hand_bytes(data, f"{self._name}{kind}")
         except VolsplatError as error:
             self._trouble.text = str(error)
-            return
         finally:
             if not self._left.is_set():
                 self._make.enable()
-        if data is not None:
-            await hand_bytes(data, f"{self._name}{kind}")
 
     def _figure(self) -> Figure:
         """Raises BadInput."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 import shutil
-import tempfile
 from pathlib import Path
 
 from nicegui import background_tasks, context, ui
@@ -13,7 +12,7 @@ from nicegui import background_tasks, context, ui
 from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
-from volsplat.client.ui.doors.handed_files import hand_file
+from volsplat.client.ui.doors.handed_files import folder_to_hand, hand_file
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -94,8 +93,12 @@ class MovieDialog:
         return key_framed([made_ready(key) for key in self._keys], geometry, frames, volume.automatic_window)
 
     def _start(self) -> None:
-        folder = Path(tempfile.mkdtemp(prefix="volsplat-movie-"))
         drawing = IdleDrawing(self._viewing.session, self._viewing.loop)
+        try:
+            folder = folder_to_hand()
+        except BadInput as error:
+            self._trouble.text = str(error)
+            return
         try:
             path = folder / f"{_file_name(self._name.value)}{self._kind.value}"
             scenes, rate = self._scenes(), _whole(self._rate, IMAGES_A_SECOND)

@@ -73,10 +73,9 @@ async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
         picture = await _finished(viewing)
         description = viewing.volume.description
         data = await asyncio.to_thread(image_bytes, picture.published.pixels, picture.state.scene, kind, description)
+        await hand_bytes(data, f"{file_stem(viewing)}.{kind}")
     except VolsplatError as error:
         ui.notify(str(error), type="negative")
-        return
-    await hand_bytes(data, f"{file_stem(viewing)}.{kind}")
 
 
 async def _finished(viewing: Viewing) -> Picture:

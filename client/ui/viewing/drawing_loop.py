@@ -56,9 +56,10 @@ class DrawingLoop:
         self._drawn_revision = 0
         self._drawing = False
         self._refining = False
+        self._failure: VolsplatError | None = None
         self._lent = False  # others draw with the session
         self._closed = False
-        self._changed = threading.Condition()  # guards the four above, and tells of a newer scene
+        self._changed = threading.Condition()  # guards the six above, and tells of a newer scene
         self._unsubscribe = model.subscribe(self._on_change)
         self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
 
@@ -85,6 +86,11 @@ class DrawingLoop:
     def drawing(self) -> bool:
         """Whether a picture is on its way."""
         return self._drawing
+
+    @property
+    def failure(self) -> VolsplatError | None:
+        """Why the scene will have no finished picture, unless it is drawn again."""
+        return None if self._something_to_do() else self._failure
 
     @property
     def shown(self) -> Picture | None:
@@ -140,10 +146,12 @@ class DrawingLoop:
                 state = self._model.now
                 self._drawn_revision = state.revision
                 self._drawing = True
+                self._failure = None
                 self._refining = state.settled
             trouble = self._drawn(state)
             with self._changed:
                 self._drawing = self._refining = False
+                self._failure = trouble
                 self._changed.notify_all()
             if trouble is not None:
                 self._tell(trouble)

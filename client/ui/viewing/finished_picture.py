@@ -61,9 +61,11 @@ class FinishedPicture:
         self._look_for_end()
 
     def _look_for_end(self) -> None:
-        failure = self._viewing.session.failure
-        if failure is not None:
-            self._fail(PeerLost(f"there is no finished picture: {failure}; {self._viewing.cure}"))
+        ended, failure = self._viewing.session.failure, self._viewing.loop.failure
+        if ended is not None:
+            self._fail(PeerLost(f"there is no finished picture: {ended}; {self._viewing.cure}"))
+        elif failure is not None:
+            self._fail(VolsplatError(f"there is no finished picture: {failure}"))
 
     def _fail(self, error: VolsplatError) -> None:
         if not self.is_known:

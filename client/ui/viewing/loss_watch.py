@@ -6,7 +6,7 @@ import asyncio
 
 from volsplat.client.coordinator.server_states import losses
 from volsplat.client.ui.viewing.picture import Picture
-from volsplat.client.ui.viewing.trouble import Trouble, trouble_of
+from volsplat.client.ui.viewing.trouble import Trouble, end_of_session
 from volsplat.client.ui.viewing.viewing import Viewing
 
 SECONDS_BETWEEN_LOOKS = 0.25
@@ -44,7 +44,7 @@ class _LossWatch:
             self._look_for_losses()
         elif not self._over:
             self._over = True
-            self._viewing.troubles.tell(trouble_of(failure, self._viewing.cure))
+            self._viewing.troubles.tell(end_of_session(failure, self._viewing.cure))
 
     def _look_for_losses(self) -> None:
         """What is missing may be told before others are found that take over: then that is told as well."""

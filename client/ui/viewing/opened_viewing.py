@@ -7,7 +7,7 @@ from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import ImageSize
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.client.ui.viewing.trouble import BY_HAND, trouble_of
+from volsplat.client.ui.viewing.trouble import BY_HAND, Trouble, end_of_session
 from volsplat.client.ui.viewing.viewing import Feed, Troubles, Viewing
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import VolsplatError
@@ -21,7 +21,8 @@ def opened_viewing(session: Session, scene: Scene, cure: str = BY_HAND) -> Viewi
 
     def tell(error: VolsplatError) -> None:
         if loop.session is viewing.session:  # else another one is being opened in its place
-            troubles.tell(trouble_of(error, cure))
+            failure = viewing.session.failure
+            troubles.tell(Trouble(str(error)) if failure is None else end_of_session(failure, cure))
 
     size = ImageSize()
     loop = DrawingLoop(session, model, pictures.tell, tell, is_watched=lambda: size.has_windows)

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from volsplat.client.session.session import Session
-from volsplat.client.ui.viewing.trouble import Trouble, trouble_of
+from volsplat.client.ui.viewing.trouble import Trouble, end_of_session
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.text.errors import VolsplatError
 
@@ -61,7 +61,7 @@ class Restart:
                 viewing.session.close()
                 return _ANOTHER_VOLUME
         except VolsplatError as error:
-            return trouble_of(error, viewing.cure)
+            return end_of_session(error, viewing.cure)
         viewing.loop.draw_with(viewing.session)
         return None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import VolsplatError
 
 BY_HAND = "nothing can be drawn any more; save the scene, and start volsplat again"
 BY_BUTTON = "nothing can be drawn until it is started again"
@@ -22,6 +22,6 @@ OVER = Trouble("", lasting=True)
 """Takes away what lasted."""
 
 
-def trouble_of(error: VolsplatError, cure: str) -> Trouble:
-    """What to tell of an error that ended a picture: without the servers that were lost there will be none."""
-    return Trouble(f"{error}; {cure}", lasting=True) if isinstance(error, PeerLost) else Trouble(str(error))
+def end_of_session(failure: VolsplatError, cure: str) -> Trouble:
+    """What to tell of what ended it: there will be no picture until a person has done something."""
+    return Trouble(f"{failure}; {cure}", lasting=True)

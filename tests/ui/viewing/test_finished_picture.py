@@ -28,7 +28,7 @@ EMPTY = PublishedImage.of(np.zeros((64, 64, 4)))
 
 
 class Ended:
-    """A session and its loop, as far as they are asked."""
+    """A session, or its loop, as far as they are asked."""
 
     failure: VolsplatError | None = None
     shown: Picture | None = None
@@ -38,13 +38,13 @@ class Saved:
     """A viewing whose pictures and troubles a test tells."""
 
     def __init__(self) -> None:
-        self.there = Ended()
-        there = cast(Any, self.there)
+        self.session, self.loop = Ended(), Ended()
+        session, loop = cast(Any, self.session), cast(Any, self.loop)
         model = SceneModel(plain_scene())
         nothing = cast(Any, None)
         pictures: Feed[Picture] = Feed()
         troubles = Troubles()
-        self.viewing = Viewing(there, model, there, nothing, model.scene, pictures, troubles, "start volsplat again")
+        self.viewing = Viewing(session, model, loop, nothing, model.scene, pictures, troubles, "start volsplat again")
         pictures.attach(asyncio.get_running_loop())
         troubles.attach(asyncio.get_running_loop())
 
@@ -53,16 +53,22 @@ class Saved:
         servers = FrameOutcome({}, {}, missing, healing)
         outcome = StepOutcome(Step.F, 0.0, 0.0, servers)
         picture = Picture(1, self.viewing.model.now, Step.F, EMPTY, outcome)
-        self.there.shown = picture
+        self.loop.shown = picture
         self.viewing.pictures.tell(picture)
         return picture
 
     async def asks(self) -> asyncio.Task[Picture]:
         """What was told has come by then, and what is asked for now waits."""
-        await asyncio.sleep(0)
+        await all_told()
         waiting = asyncio.create_task(FinishedPicture(self.viewing).wait())
-        await asyncio.sleep(0)
+        await all_told()
         return waiting
+
+
+async def all_told() -> None:
+    """What was told has come, and whoever waited for it has gone on."""
+    for _ in range(5):  # by one future to the next
+        await asyncio.sleep(0)
 
 
 def in_loop(test: Callable[[], Coroutine[Any, Any, None]]) -> Callable[[], None]:
@@ -76,7 +82,7 @@ async def test_a_finished_picture_is_there_at_once_and_one_that_is_drawn_is_wait
     waiting = await saved.asks()
     first = saved.drawn()
     assert await waiting is first
-    saved.there.failure = PeerLost("gone")  # what is finished can be saved all the same
+    saved.session.failure = PeerLost("gone")  # what is finished can be saved all the same
     assert await (await saved.asks()) is first
 
 
@@ -94,6 +100,7 @@ async def test_while_others_take_over_the_next_picture_is_waited_for() -> None:
     saved.drawn(LOST, healing=True)
     waiting = await saved.asks()
     saved.drawn(LOST, healing=True)
+    await all_told()
     assert not waiting.done()
     whole = saved.drawn()
     assert await waiting is whole
@@ -103,7 +110,7 @@ async def test_while_others_take_over_the_next_picture_is_waited_for() -> None:
 async def test_what_is_drawn_anew_after_a_loss_is_waited_for() -> None:
     saved = Saved()
     saved.drawn(LOST)
-    saved.there.shown = None
+    saved.loop.shown = None
     waiting = await saved.asks()
     whole = saved.drawn()
     assert await waiting is whole
@@ -116,7 +123,7 @@ async def test_a_picture_of_an_older_scene_is_none() -> None:
     saved.viewing.model.change(lambda scene: scene, settled=False)
     waiting = await saved.asks()
     saved.viewing.pictures.tell(old)
-    await asyncio.sleep(0)
+    await all_told()
     assert not waiting.done()
     saved.viewing.model.change(lambda scene: scene)
     new = saved.drawn()
@@ -127,11 +134,26 @@ async def test_a_picture_of_an_older_scene_is_none() -> None:
 async def test_waiting_ends_when_the_session_fails() -> None:
     saved = Saved()
     waiting = await saved.asks()
-    saved.there.failure = PeerLost("the splat server is gone")
+    saved.session.failure = PeerLost("the splat server is gone")
     saved.viewing.troubles.tell(Trouble("the splat server is gone", lasting=True))
     with pytest.raises(PeerLost, match="the splat server is gone; start volsplat again"):
         await waiting
     with pytest.raises(PeerLost, match="the splat server is gone"):
+        await (await saved.asks())
+
+
+@in_loop
+async def test_waiting_ends_when_the_scene_cannot_be_drawn() -> None:
+    saved = Saved()
+    waiting = await saved.asks()
+    saved.viewing.troubles.tell(Trouble("something else"))
+    await all_told()
+    assert not waiting.done()
+    saved.loop.failure = VolsplatError("this image needs 3 GB of memory")
+    saved.viewing.troubles.tell(Trouble("this image needs 3 GB of memory"))
+    with pytest.raises(VolsplatError, match="no finished picture: this image needs 3 GB"):
+        await waiting
+    with pytest.raises(VolsplatError, match="no finished picture: this image needs 3 GB"):
         await (await saved.asks())
 
 

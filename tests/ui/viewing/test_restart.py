@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
 
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.scene_model import SceneModel
+from volsplat.client.ui.viewing.trouble import Trouble
 from volsplat.client.ui.viewing.viewing import Feed, Troubles, Viewing
-from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.text.errors import BadInput, PeerLost
 
 
 class Told:
@@ -47,3 +49,14 @@ def test_a_file_that_was_saved_anew_is_to_be_opened_anew_not_started_again() -> 
         assert drawn == [] and viewing.troubles.lasting is not None
         told = viewing.troubles.lasting.text
         assert "save the scene, then open the file anew (O)" in told and "start it again" not in told
+
+
+def test_why_it_cannot_be_started_again_lasts_with_its_cure() -> None:
+    def gone(say: Callable[[str], None]) -> Any:
+        say("surveying the volume")
+        raise BadInput("/data/head.nrrd: no such file")
+
+    drawn: list[object] = []
+    viewing = ended(drawn)
+    Restart(viewing, gone).start()
+    assert viewing.troubles.lasting == Trouble("/data/head.nrrd: no such file; start it again", lasting=True)
