@@ -31,18 +31,24 @@ def read_scene_file(path: Path, base: Scene) -> Scene:
     try:
         with path.open("rb") as file:
             content = file.read(LONGEST_FILE + 1)
-        if len(content) > LONGEST_FILE:
-            raise BadInput(f"{path}: not a scene file: it has more than {bytes_text(LONGEST_FILE)}")
-        text = content.decode("utf-8-sig")  # editors on Windows begin a file with a mark
     except OSError as error:
         raise BadInput(f"{path}: cannot read the scene: {error.strerror}") from error
+    return scene_from_bytes(content, base, str(path))
+
+
+def scene_from_bytes(content: bytes, base: Scene, name: str) -> Scene:
+    """As read_scene_file, from what the file holds; `name` stands before every message."""
+    if len(content) > LONGEST_FILE:
+        raise BadInput(f"{name}: not a scene file: it has more than {bytes_text(LONGEST_FILE)}")
+    try:
+        text = content.decode("utf-8-sig")  # editors on Windows begin a file with a mark
     except UnicodeDecodeError as error:
-        raise BadInput(f"{path}: not a scene file: byte {error.start} is not UTF-8 text") from error
-    return scene_from_toml(text, base, str(path))
+        raise BadInput(f"{name}: not a scene file: byte {error.start} is not UTF-8 text") from error
+    return scene_from_toml(text, base, name)
 
 
 def scene_from_toml(text: str, base: Scene, name: str) -> Scene:
-    """As read_scene_file, from TOML text; `name` stands before every message."""
+    """As scene_from_bytes, from TOML text."""
     try:
         given = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

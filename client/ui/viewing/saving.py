@@ -25,7 +25,7 @@ from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.image_formats import SCENE_HOLDERS, need_pdf
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable
-from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
+from volsplat.client.scene.scene_file import scene_from_bytes, scene_toml
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
@@ -44,7 +44,7 @@ SCENE_FILE = ".toml"
 SCENE_FILES = (SCENE_FILE, *SCENE_HOLDERS)  # what a scene can be taken from
 LARGEST_UPLOAD = 1 << 25  # bytes, of an image
 
-_LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to, or of a scene file
+_LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
 
 
 def image_bytes(image: ArrayLike, scene: Scene, kind: ImageFormat, description: VolumeDescription) -> bytes:
@@ -88,12 +88,7 @@ def scene_in_file(data: bytes, base: Scene, name: str) -> Scene:
     """That of a scene file, which may leave out what `base` has, or of an image. Raises BadInput, naming the file."""
     if Path(name).suffix.lower() in SCENE_HOLDERS:
         return _scene_in_image(data, name)
-    if len(data) > _LARGEST_SCENE:
-        raise BadInput(f"{printable(name)}: is larger than any scene; take one that was saved here")
-    try:
-        return scene_from_toml(data.decode("utf-8-sig"), base, printable(name))
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{printable(name)}: not a scene file: byte {error.start} is not UTF-8 text") from error
+    return scene_from_bytes(data, base, printable(name))
 
 
 def _scene_in_image(data: bytes, name: str) -> Scene:
