@@ -109,7 +109,10 @@ def servers_from_options(
     if cluster is not None:
         if single or listen:
             raise BadInput("--cluster says where the servers are; leave out --single and --listen")
+        _refuse_given(_OF_SERVERS | {"threads": "--threads"}, "--cluster names a file that says this of its servers")
         read_cluster(cluster)
+    if single:
+        _refuse_given(_OF_SERVERS, "--single starts no servers")
     return Servers(
         cluster=cluster,
         workers=workers,
@@ -123,6 +126,18 @@ def servers_from_options(
         tls=tls,
         trace=trace,
     )
+
+
+# What says how servers are started here, and is of no use without such.
+_OF_SERVERS = {"workers": "--workers", "splat_servers": "--splat-servers", "silence": "--silence", "tls": "--tls"}
+
+
+def _refuse_given(options: dict[str, str], why: str) -> None:
+    """Raises BadInput if any of these parameters of the command that runs was given on its line."""
+    of_command = click.get_current_context()
+    for name, option in options.items():
+        if of_command.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise BadInput(f"{why}; leave out {option}")
 
 
 def check_found(volume: str, spawns: bool, cluster: Path | None) -> None:

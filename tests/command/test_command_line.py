@@ -168,6 +168,8 @@ BAD_OPTIONS = {
     "scene missing": (["-o", "a.png", "--scene", "none.toml"], "none.toml"),
     "report is a folder": (["-o", "a.png", "--report", "."], "--report"),
     "steps below a file": (["--steps-dir", "/dev/null/steps"], "--steps-dir"),
+    "servers of one process": (["-o", "a.png", "--single", "--workers", "2"], "leave out --workers"),
+    "threads of others": (["-o", "a.png", "--cluster", "lab.toml", "--threads", "2"], "leave out --threads"),
     "token file missing": (["-o", "a.png", "--token-file", "none"], "token"),
 }
 
