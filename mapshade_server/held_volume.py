@@ -124,7 +124,7 @@ class HeldVolume:
         if is_store(Path(request.path)):
             return [store_described(*identified_store(request.path))]
         reader, identity = identified_volume(request.path)
-        described = messages.VolumeDescribed(description=reader.describe(), prepared=[], identity=identity)
+        described = messages.VolumeDescribed(description=reader.describe(), prepared=None, identity=identity)
         return [Answer(described)]
 
     @takes(messages.ReadSubCubes)

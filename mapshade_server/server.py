@@ -337,7 +337,7 @@ class MapShadeServer:
         self._held.check(request.assignment, f"probe {request.probe}")
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
         voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
-        self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
+        self._client.send(messages.VoxelProbed(probe=request.probe, voxel=voxel))
 
     @takes(messages.SumDepths)
     def _sum_depths(self, request: messages.SumDepths) -> None:

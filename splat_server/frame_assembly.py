@@ -175,7 +175,6 @@ class FrameAssembly:
             merge_seconds=slowest.merge,
             splat_seconds=slowest.splat,
             waiting_seconds=max(0.0, frame_seconds - planning_seconds - slowest.merge - slowest.splat),
-            answering_seconds=0.0,
             held_back_seconds=dict(held_back_seconds),
             decoding_seconds=decoding_seconds,
             work=[packets * self.pixels_per_packet for packets in self.splat.work[self.rows_of_tiles]],

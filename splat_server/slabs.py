@@ -85,9 +85,9 @@ def slab_table(
 
 
 def _light(request: RenderFrame) -> _kernels.SlabLight:
-    size, shares = (1, 1, 1), (0.0, 0.0)
-    for blocks in request.light:
-        size, shares = blocks.size, (blocks.shadows, blocks.occlusion)
+    blocks = request.light
+    size = (1, 1, 1) if blocks is None else blocks.size
+    shares = (0.0, 0.0) if blocks is None else (blocks.shadows, blocks.occlusion)
     return _kernels.SlabLight(
         size=size, to_blocks=to_blocks(request.geometry, request.plan.factors, size), shares=shares
     )
@@ -95,12 +95,12 @@ def _light(request: RenderFrame) -> _kernels.SlabLight:
 
 def _passed(request: RenderFrame) -> dict[str, _kernels.PassedLight | None]:
     """What light comes through, if it is dimmed at all."""
-    if not request.light:
+    if request.light is None:
         return {"lamp": None, "sky": None}
     geometry, factors = request.geometry, request.plan.factors
     return {
-        "lamp": _passed_light(request.light[0], (request.shading.lighting.light,), geometry, factors),
-        "sky": _passed_light(request.light[0], SKY, geometry, factors),
+        "lamp": _passed_light(request.light, (request.shading.lighting.light,), geometry, factors),
+        "sky": _passed_light(request.light, SKY, geometry, factors),
     }
 
 

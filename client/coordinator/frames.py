@@ -108,7 +108,7 @@ class Frames:
                 return [ReportProgress("adding up what dims the light"), *starmap(Send, asked)]
             if self._depths.under_way:
                 return []
-            lit = msgspec.structs.replace(render, light=[self._depths.blocks(frame.scene.light)])
+            lit = msgspec.structs.replace(render, light=self._depths.blocks(frame.scene.light))
         frame.start(render, packing.why_level)
         partial = self.read_partial(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
         return [

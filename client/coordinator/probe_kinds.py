@@ -75,7 +75,8 @@ class PointProbe:
         )
 
     def take(self, message: VoxelProbed) -> None:
-        self.voxels += message.voxels
+        if message.voxel is not None:
+            self.voxels.append(message.voxel)
 
     def forget(self) -> None:
         self.voxels.clear()

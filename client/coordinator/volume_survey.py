@@ -24,7 +24,7 @@ class VolumeSurvey:
 
     def __init__(self, described: VolumeDescribed, payload: memoryview) -> None:
         self.description, self.identity = described.description, described.identity
-        self.prepared = described.prepared[0] if described.prepared else None
+        self.prepared = described.prepared
         self._survey: Survey | None = None
         self.begin()
         if self.prepared is not None:

@@ -43,7 +43,7 @@ def bottleneck(report: StepReport) -> Bottleneck:
 
 
 def _splat_seconds(splat: SplatStats) -> float:
-    return splat.planning_seconds + splat.merge_seconds + splat.splat_seconds + splat.answering_seconds
+    return splat.planning_seconds + splat.merge_seconds + splat.splat_seconds
 
 
 def _work(report: StepReport) -> dict[Machine, list[float]]:

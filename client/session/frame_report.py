@@ -224,7 +224,7 @@ def _accounted_seconds(outcome: StepOutcome) -> float:
     """What follows each other: a splat server's stages, waiting included, with the messages before and the image."""
     splat = slowest(outcome.servers.splat)
     stages = (splat.planning_seconds, splat.merge_seconds, splat.splat_seconds, splat.waiting_seconds)
-    return sum(stages) + splat.answering_seconds + _messages_seconds(outcome) + outcome.image_seconds
+    return sum(stages) + _messages_seconds(outcome) + outcome.image_seconds
 
 
 def _messages_seconds(outcome: StepOutcome) -> float:

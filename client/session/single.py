@@ -364,7 +364,7 @@ class SingleProcess:
         """The request with what dims its light."""
         for server, asked in self._depths.ask(request, [WORKER]):
             self._depths.take(server, *depths_summed(asked, self._held.sub_cubes(asked.level)))
-        return msgspec.structs.replace(request, light=[self._depths.blocks(scene.light)])
+        return msgspec.structs.replace(request, light=self._depths.blocks(scene.light))
 
     def _outcome(
         self, request: messages.RenderFrame, assembly: FrameAssembly, planning: float, frame: float

@@ -55,6 +55,6 @@ def volume(
         return Finding(name, "volume", False, line), seen
     line = f"{told.identity.size} bytes, sample's checksum {told.identity.contents[:SHOWN]}"
     same = "" if seen is None else f", as {seen.by} sees it"
-    levels = told.prepared[0].levels if told.prepared else (told.description.geometry,)
+    levels = told.prepared.levels if told.prepared else (told.description.geometry,)
     first = seen or Seen(name, told.identity, levels)
     return Finding(name, "volume", True, line + same), first

@@ -67,7 +67,7 @@ def store_described(store: PacketStore, identity: VolumeIdentity) -> Answer:
         levels=store.levels,
     )
     counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
-    described = messages.VolumeDescribed(description=store.description, prepared=[prepared], identity=identity)
+    described = messages.VolumeDescribed(description=store.description, prepared=prepared, identity=identity)
     return Answer(described, (*counts, memoryview(store.extremes.as_bytes())))
 
 

@@ -98,7 +98,7 @@ class SplatStats(Detail, frozen=True):
     """What a frame cost the splat server.
 
     `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, splatted and
-    published, and, while nothing was splatted, merged, waited and answered requests for partial images.
+    published, and, while nothing was splatted, merged and waited.
     `held_back_seconds` tells for each worker how long its connection was not read because its buffers were full.
     `decoding_seconds` went, in threads of their own, into batches that came coded.
     `hidden_packets` came, but were left out as hidden. `work` counts the splatted pixels of each row of tiles of its
@@ -113,7 +113,6 @@ class SplatStats(Detail, frozen=True):
     merge_seconds: Seconds
     splat_seconds: Seconds
     waiting_seconds: Seconds
-    answering_seconds: Seconds
     held_back_seconds: dict[ServerId, Seconds]
     decoding_seconds: Seconds
     work: Annotated[list[Count], Meta(max_length=LARGEST_EXTENT // TILE_SIDE + 1)]
@@ -186,7 +185,7 @@ class RenderFrame(FrameDrawn, Message, frozen=True):
     exact: bool
     paced: bool = False
     traced: bool = False
-    light: Annotated[list[LightBlocks], Meta(max_length=1)] = []
+    light: LightBlocks | None = None
 
     def __post_init__(self) -> None:
         check_regions(self.regions, self.plan.height)
@@ -361,7 +360,7 @@ class VoxelProbed(Message, frozen=True):
     """Map/shade server to client: the front-most voxel there that is not transparent, or none."""
 
     probe: ProbeId
-    voxels: Annotated[list[ProbedVoxel], Meta(max_length=1)]
+    voxel: ProbedVoxel | None
 
 
 @asks(CLIENT_TO_MAPSHADE, VoxelProbed, at_once=1024)

@@ -91,11 +91,11 @@ class VolumeDescribed(Message, frozen=True):
     largest_payload: ClassVar[int] = LARGEST_HISTOGRAMS
 
     description: VolumeDescription
-    prepared: Annotated[list[Prepared], Meta(max_length=1)]
+    prepared: Prepared | None
     identity: VolumeIdentity
 
     def payload_bytes(self) -> int:
-        if not self.prepared:
+        if self.prepared is None:
             return 0
         blocks = math.prod(block_dims(self.description.geometry.dims))
         return HISTOGRAM_BINS * HISTOGRAM_BYTES + blocks * BLOCK_BYTES

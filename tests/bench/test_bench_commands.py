@@ -358,6 +358,6 @@ def _frame(report: StepReport, machines: dict[int, Machine], **seconds: float) -
     stats = next(iter(report.workers.values()))
     workers = {n: msgspec.structs.replace(stats, machine=on, map_shade_seconds=0.5) for n, on in machines.items()}
     took = {stage: seconds.get(stage, 0.0) for stage in ("planning_seconds", "merge_seconds", "splat_seconds")}
-    splat = msgspec.structs.replace(report.slowest_splat_server, machine=NODES[0], answering_seconds=0.0, **took)
+    splat = msgspec.structs.replace(report.slowest_splat_server, machine=NODES[0], **took)
     whole = {"wall_seconds": 1.0, "accounted_share": 1.0, "workers": workers, "splat_servers": {1: splat}}
     return msgspec.structs.replace(report, **{**nothing, **whole, **seconds})

@@ -190,8 +190,8 @@ def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_pa
         probed = bench.hears(messages.VoxelProbed)
         mapped = bench.hears(messages.FrameMapped)
     assert isinstance(probed, messages.VoxelProbed) and isinstance(mapped, messages.FrameMapped)
-    (voxel,) = probed.voxels
-    assert voxel.index[2] == side - 1 and voxel.density == 200.0
+    voxel = probed.voxel
+    assert voxel is not None and voxel.index[2] == side - 1 and voxel.density == 200.0
     assert sent == mapped.stats.packets == side**3
 
 

@@ -160,7 +160,7 @@ def test_a_probe_is_answered_while_all_walkers_are_held_up(bench: Bench, full: P
         probed = bench.hears(messages.VoxelProbed)
         of_walkers = batches_on(link, WALKERS)
         mapped = bench.hears(messages.FrameMapped)
-    assert isinstance(probed, messages.VoxelProbed) and probed.voxels[0].density == 200.0
+    assert isinstance(probed, messages.VoxelProbed) and probed.voxel is not None and probed.voxel.density == 200.0
     assert isinstance(mapped, messages.FrameMapped) and packets(of_walkers) == mapped.stats.packets == LARGE**3
 
 

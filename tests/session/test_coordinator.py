@@ -271,7 +271,7 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw
 
 def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_as_well() -> None:
     coordinator = CheckedCoordinator()
-    for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
+    for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))]:
         coordinator.handle(event)
     refused = messages.Refused("ConnectToSplatServers", "cannot reach the splat server", peer_lost=True)
     told = coordinator.handle(said(FIRST, refused))
@@ -287,7 +287,11 @@ def unlinked() -> tuple[CheckedCoordinator, ServerJoined]:
     coordinator = CheckedCoordinator()
     first, second = (replace(one, process=f"process {one.server}") for one in JOINED if one.server != SPLAT)
     assert (first.server, second.server) == (FIRST, SECOND)
-    for event in [*joins(JOINED[0], first, second), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))]:
+    for event in [
+        *joins(JOINED[0], first, second),
+        ASKED,
+        said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY)),
+    ]:
         coordinator.handle(event)
     coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", peer_lost=True)))
     return coordinator, first
@@ -647,22 +651,22 @@ NEAR, FAR = messages.ProbedVoxel((1, 2, 9), 7.0, 0.5), messages.ProbedVoxel((1, 
 PROBE = ProbeAsked(5, SCENE, 12.5, 7.25)
 
 
-def seen(server: int, *voxels: messages.ProbedVoxel, probe: int = 5) -> MessageReceived:
-    return said(server, messages.VoxelProbed(probe, list(voxels)))
+def seen(server: int, voxel: messages.ProbedVoxel | None = None, probe: int = 5) -> MessageReceived:
+    return said(server, messages.VoxelProbed(probe, voxel))
 
 
-@pytest.mark.parametrize("first_found", [[], [FAR], [NEAR]])
-@pytest.mark.parametrize("second_found", [[], [FAR], [NEAR]])
+@pytest.mark.parametrize("first_found", [None, FAR, NEAR])
+@pytest.mark.parametrize("second_found", [None, FAR, NEAR])
 def test_a_probe_asks_all_and_takes_the_front_most(
-    first_found: list[messages.ProbedVoxel], second_found: list[messages.ProbedVoxel]
+    first_found: messages.ProbedVoxel | None, second_found: messages.ProbedVoxel | None
 ) -> None:
     coordinator = drawing()
     asked = coordinator.handle(PROBE)
     assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
-    assert coordinator.handle(seen(FIRST, *first_found)) == []
-    found = first_found + second_found
+    assert coordinator.handle(seen(FIRST, first_found)) == []
+    found = (first_found, second_found)
     front = NEAR if NEAR in found else FAR if FAR in found else None
-    assert coordinator.handle(seen(SECOND, *second_found)) == [Answer(5, front)]
+    assert coordinator.handle(seen(SECOND, second_found)) == [Answer(5, front)]
 
 
 def test_probes_may_overtake_each_other() -> None:
@@ -715,7 +719,7 @@ def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     read_ahead(coordinator, told)
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert (SECOND, messages.ProbeVoxels) in sent(told)
-    assert coordinator.handle(seen(SECOND, NEAR, FAR)) == [Answer(5, NEAR)]
+    assert coordinator.handle(seen(SECOND, NEAR)) == [Answer(5, NEAR)]
 
 
 def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
@@ -830,7 +834,7 @@ def test_a_single_server_reads_for_itself() -> None:
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED[:2]), VolumeAsked("/volumes/head.nrrd", workers=1)]:
         coordinator.handle(event)
-    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY)))
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY)))
     assert (FIRST, messages.ReadSubCubes) in sent(told)
 
 

@@ -57,7 +57,7 @@ def describing() -> CheckedCoordinator:
 
 def reading() -> CheckedCoordinator:
     coordinator = describing()
-    coordinator.handle(said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY)))
+    coordinator.handle(said(FIRST, messages.VolumeDescribed(DESCRIPTION, None, IDENTITY)))
     return coordinator
 
 

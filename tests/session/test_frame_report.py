@@ -61,7 +61,6 @@ def outcome(step: Step) -> StepOutcome:
         merge_seconds=0.125,
         splat_seconds=0.75,
         waiting_seconds=0.0625,
-        answering_seconds=0.03125,
         held_back_seconds={2: 0.5, 3: 0.25},
         decoding_seconds=0.125,
         work=[],
@@ -101,7 +100,7 @@ def test_the_workers_figures_are_added_up_and_the_slowest_named() -> None:
 def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
     step = report(Step.F).steps[0]
     assert step.messages_seconds == 0.125
-    assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.03125 + 0.125 + 0.25) / 1.5
+    assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.125 + 0.25) / 1.5
 
 
 def test_splatting_is_told_stage_by_stage_in_step_g_alone() -> None:

@@ -37,7 +37,7 @@ from volsplat.protocol.messages import messages
 __all__ = ["head", "scene", "single"]
 
 MOMENTS = ["reading the volume's header", "reading the volume( as . sub-cubes)?", "counting the histograms"]
-DESCRIBED = said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))
+DESCRIBED = said(FIRST, messages.VolumeDescribed(DESCRIPTION, None, IDENTITY))
 
 
 class Killer:

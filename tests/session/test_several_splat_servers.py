@@ -63,7 +63,7 @@ def test_the_volume_waits_for_as_many_as_were_asked_for_and_all_are_linked_to() 
     assert "1 of 2 splat servers joined" in str(waiting)
     *_, asked = [coordinator.handle(event) for event in joins(MORE_SPLAT_SERVERS[0])]
     assert sent(asked) == [(FIRST, messages.DescribeVolume)]
-    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY)))
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(DESCRIPTION, None, IDENTITY)))
     assert sent(told)[:2] == [(SPLAT, messages.InviteWorkers), (LOST, messages.InviteWorkers)], (
         "before they are linked to"
     )

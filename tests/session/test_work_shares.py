@@ -75,7 +75,7 @@ class Model:
         workers = [one for one in [*JOINED[1:], *MORE] if one.server in self.speeds]
         for event in [*joins(JOINED[0], *workers), VolumeAsked("/volumes/cube.raw", workers=len(workers))]:
             self.coordinator.handle(event)
-        described = messages.VolumeDescribed(self.volume, [], IDENTITY)
+        described = messages.VolumeDescribed(self.volume, None, IDENTITY)
         self.coordinator.handle(said(FIRST, described))
         for server in self.boxes:
             self.coordinator.handle(self.read(server))

@@ -55,7 +55,6 @@ splat_stats = st.builds(
     merge_seconds=seconds,
     splat_seconds=seconds,
     waiting_seconds=seconds,
-    answering_seconds=seconds,
     held_back_seconds=st.just({}),
     decoding_seconds=seconds,
     peak_memory_bytes=counts,
@@ -103,12 +102,12 @@ def test_a_bar_is_as_long_as_its_stage_took(stats: MapShadeStats | SplatStats) -
 
 
 def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
-    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0.0, [], 0, this_machine())
+    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0.0, [], 0, this_machine())
     return FrameOutcome({7: stats}, {8: nothing}) if isinstance(stats, MapShadeStats) else FrameOutcome({}, {8: stats})
 
 
 def test_splatting_is_one_stage_but_in_step_g() -> None:
-    plain = SplatStats(0, 0, 0, 4.0, 0.5, 0.25, 3.0, 0.25, 0.0, {}, 0.0, [], 0, this_machine())
+    plain = SplatStats(0, 0, 0, 4.0, 0.5, 0.25, 3.0, 0.25, {}, 0.0, [], 0, this_machine())
     slabs = msgspec.structs.replace(plain, slabs=SlabStages(1.0, 0.5, 0.75, 0.25))
     assert dict(stages_of(plain))["splat"] == 3.0
     assert stages_shown(StepOutcome(Step.F, 4.0, 0.0, _servers(plain))) == stages_shown(None) == STAGES

@@ -75,7 +75,6 @@ def stages_of(stats: MapShadeStats | SplatStats) -> list[tuple[str, float]]:
         ("waiting", stats.waiting_seconds),
         ("merge", stats.merge_seconds),
         *(slab_stages(stats) or [("splat", stats.splat_seconds)]),
-        ("sending", stats.answering_seconds),
     ]
 
 

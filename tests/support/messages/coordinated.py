@@ -43,7 +43,7 @@ MEMORY = 1 << 40
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
 SCENE = msgspec.structs.replace(preset_scene("ct-skin"), image=Image(width=1, height=1))
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint16")
-SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0.0, [1], 1, this_machine())
+SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0.0, [1], 1, this_machine())
 MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 1, this_machine())
 
 
@@ -89,7 +89,7 @@ def surveyed(splat_servers: int = 1) -> CheckedCoordinator:
     coordinator = CheckedCoordinator()
     asked = replace(ASKED, splat_servers=splat_servers)
     joined = [*JOINED, *MORE_SPLAT_SERVERS[: splat_servers - 1]]
-    for event in [*joins(*joined), asked, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
+    for event in [*joins(*joined), asked, said(FIRST, messages.VolumeDescribed(DESCRIPTION, None, IDENTITY))]:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
         survey = Survey(low=low, high=high, max_gradient=high, voxels=360, no_data=1)
@@ -124,7 +124,7 @@ def lending(workers: int = 3) -> CheckedCoordinator:
     third = ServerJoined(THIRD, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     for event in [*joins(*JOINED, third), VolumeAsked("/volumes/head.nrrd", workers=workers)]:
         coordinator.handle(event)
-    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))))
+    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))))
     assert asked[0] == (SPLAT, messages.InviteWorkers), "before any of them links to it"
     assert [ask for ask in asked[1:] if ask[1] is not messages.ConnectToSplatServers] == [(FIRST, messages.LendVolume)]
     return coordinator
@@ -144,7 +144,7 @@ def opened_store(memory: int | None = None, has: int = MEMORY) -> CheckedCoordin
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED, memory=has), VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
         coordinator.handle(event)
-    described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED], IDENTITY)
+    described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), PREPARED, IDENTITY)
     extremes = BlockExtremes.nothing(CUBE.dims).as_bytes()
     told = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS) + extremes))
     assert isinstance(told[-1], PublishVolume)

@@ -76,7 +76,7 @@ MACHINE = Machine("node-1", "Linux", "a processor", 8)
 LINK_STATS = messages.LinkStats(2000, 900, 0.375, 0.25)
 SLAB_STAGES = messages.SlabStages(0.75, 0.25, 0.375, 0.0625)
 SPLAT_STATS = messages.SplatStats(
-    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 0.25, [5, 0, 7], 1 << 30, MACHINE, SLAB_STAGES
+    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, {1: 0.125, 2: 0.0}, 0.25, [5, 0, 7], 1 << 30, MACHINE, SLAB_STAGES
 )
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
@@ -88,7 +88,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (greetings.Welcome(3, bytes(range(96, 128))), b""),
         (greetings.Rejected("another token"), b""),
         (messages.DescribeVolume("/data/head.nrrd"), b""),
-        (messages.VolumeDescribed(DESCRIPTION, [], IDENTITY), b""),
+        (messages.VolumeDescribed(DESCRIPTION, None, IDENTITY), b""),
         (messages.ReadSubCubes(1, "/data/head.nrrd", BOXES, IDENTITY), b""),
         (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
         (messages.LendVolume(1, "/data/head.nrrd", IDENTITY), b""),
@@ -156,7 +156,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.MergeReached(7, 5, 12), b""),
         (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
         (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
-        (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
+        (messages.VoxelProbed(5, messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)), b""),
         (messages.ReadSlice(6, 1, PLANE, PLAN, SHADING, GEOMETRY, QUANTISATION, 0), b""),
         (messages.SliceRead(6, 1, [Rectangle(0, 1, 2, 1)]), struct.pack("<2I8B", 1 << 31, 7, *range(8))),
         (messages.CountPlane(8, 1, 0), b""),
@@ -255,7 +255,7 @@ _map_shade_stats = st.builds(
 _splat_stats = st.builds(
     messages.SplatStats,
     *[counts] * 3,
-    *[seconds] * 6,
+    *[seconds] * 5,
     st.dictionaries(ids, seconds, max_size=3),
     seconds,
     st.lists(counts, max_size=4),
@@ -303,7 +303,7 @@ def _render_frame(plan: FramePlan, cut: int, *others: Any) -> messages.RenderFra
         workers,
         regions,
         cut % 2 == 0,
-        light=[LightBlocks((9, 8, 7), (2, 1, 3), bytes(range(12)), 0.5, 0.25)] if plan.slabs else [],
+        light=LightBlocks((9, 8, 7), (2, 1, 3), bytes(range(12)), 0.5, 0.25) if plan.slabs else None,
     )
 
 
@@ -314,9 +314,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     greetings.Welcome: st.builds(greetings.Welcome, ids, blobs),
     greetings.Rejected: st.builds(greetings.Rejected, lines),
     messages.DescribeVolume: st.builds(messages.DescribeVolume, paths),
-    messages.VolumeDescribed: st.builds(
-        messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1), identities
-    ),
+    messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions, st.none() | _prepared, identities),
     messages.ReadSubCubes: st.builds(
         messages.ReadSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities
     ),
@@ -434,7 +432,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.VoxelProbed: st.builds(
         messages.VoxelProbed,
         ids,
-        st.lists(st.builds(messages.ProbedVoxel, _voxel, finite, finite), max_size=1),
+        st.none() | st.builds(messages.ProbedVoxel, _voxel, finite, finite),
     ),
     messages.ReadSlice: st.builds(
         messages.ReadSlice, ids, ids, st.just(PLANE), _plans, _shadings, geometries(), quantisations, _level_numbers

@@ -118,7 +118,7 @@ def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence
         return request
     for worker, asked in depths.ask(request, range(1, len(held_by) + 1)):
         depths.take(worker, *depths_summed(asked, held_by[worker - 1]))
-    return msgspec.structs.replace(request, light=[depths.blocks(scene.light)])
+    return msgspec.structs.replace(request, light=depths.blocks(scene.light))
 
 
 def _regions(lines: int, threads: int, arrival: Random | None) -> list[Region]:
