@@ -56,12 +56,15 @@ from volsplat.protocol.messages.session_messages import (
     EndSession,
     LeaveSession,
     MachineDescribed,
+    Reason,
     Refused,
 )
 from volsplat.protocol.messages.trace_messages import ClockRead, FrameTraced
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribed
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
+
+_STAY = "the sub-cubes stay where they are"
 
 
 class Coordinator:
@@ -77,13 +80,14 @@ class Coordinator:
         self.voxels = FileVoxels(self.holding)
         self.folders = FolderListings(self.servers, self.holding)
         self.ahead = ReadingAhead(self.holding)
+        self._questions = (self.probes, self.voxels, self.folders)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
         self._few_suffice = False  # to begin: those that are missing are not waited for
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.frames, self.probes, self.voxels, self.folders, self.ahead)
+            for owner in (self, self.holding, self.frames, *self._questions, self.ahead)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -169,8 +173,8 @@ class Coordinator:
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
         self.failure = error
-        asked = (*self.probes.failed(error), *self.voxels.failed(error), *self.folders.failed(error))
-        return [*self.frames.fail(error), *asked, FailSession(error)]
+        answers = [told for questions in self._questions for told in questions.failed(error)]
+        return [*self.frames.fail(error), *answers, FailSession(error)]
 
     # -- servers come and go
 
@@ -198,6 +202,10 @@ class Coordinator:
     @takes(ServerLost)
     def _lost(self, event: ServerLost) -> list[Instruction]:
         return self._lose(event.server, event.cause)
+
+    def _send_off(self, server: int, cause: str) -> list[Instruction]:
+        """Go on without one that lives."""
+        return [Send(server, EndSession()), *self._lose(server, cause)]
 
     def _lose(self, number: int, cause: str) -> list[Instruction]:
         """Go on without this server if others can do its work; else the session fails."""
@@ -243,8 +251,7 @@ class Coordinator:
         """Go on without the servers that leave; as they are between two frames, none is incomplete for it."""
         told: list[Instruction] = []
         for server in self.servers.leaving:
-            cause = f"{self.servers.name(server)} left: it was told to end"
-            told += [Send(server, EndSession()), *self._lose(server, cause)]
+            told += self._send_off(server, f"{self.servers.name(server)} left: it was told to end")
         return told
 
     def _is_replaced(self, joined: ServerJoined) -> bool:
@@ -350,40 +357,49 @@ class Coordinator:
     def _refused(self, message: Refused, event: MessageReceived) -> list[Instruction]:
         joined = self.servers.joined[event.server]
         cause = f"{joined.name}: {message.cause}" if joined.elsewhere else message.cause
-        error = PeerLost(cause) if message.peer_lost else BadInput(cause)
+        error = PeerLost(cause) if message.reason is Reason.PEER_LOST else BadInput(cause)
         if message.probe:
-            asked = (self.probes, self.voxels, self.folders)
-            return [told for questions in asked for told in questions.refused(message.probe, error)]
-        if not message.frame:
-            return self._assignment_refused(event.server, message, error)
-        return self.frames.end(error) if self.frames.current(message.frame) else []
+            return [told for questions in self._questions for told in questions.refused(message.probe, error)]
+        if message.frame:
+            return self.frames.end(error) if self.frames.current(message.frame) else []
+        if message.request == ReadAhead.__name__:
+            return self._ahead_refused(event.server, error)
+        if message.request == ConnectToSplatServers.__name__:
+            return self._link_refused(event.server, error)
+        if message.assignment and message.assignment != self.holding.assignments.newest:
+            return []  # who waits now has asked since
+        if self.holding.volume is None:
+            return self._unsurveyed_refused(event.server, message, error)
+        return self._assignment_refused(event.server, message, error) if message.assignment else self._fail(error)
+
+    def _ahead_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
+        if not self.ahead.refused(server):
+            return []
+        self.ahead.ends()
+        self.holding.assignments.may_move = False
+        return [ReportProgress(f"{error}; {_STAY}")]
+
+    def _link_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
+        """It reaches no splat server; the others may."""
+        if not self.routes.refused(server):
+            return []  # it has been told since whom it can reach
+        if server not in self.holding.boxes or len(self.holding.boxes) == 1:
+            return self._fail(error)
+        self.servers.note_unlinked(server)
+        return self._send_off(server, str(error))
+
+    def _unsurveyed_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
+        """Without a survey there is nothing to draw; but for what one has no room for others may have some."""
+        if message.reason is not Reason.NO_ROOM or len(self.servers.chosen) <= 1:
+            return self._fail(error)
+        return self._send_off(server, f"{self.servers.name(server)}: {message.cause}")
 
     def _assignment_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
-        """Whoever waits for what is refused is told; the session goes on once the volume is surveyed."""
-        holding = self.holding
-        if message.request == ReadAhead.__name__:
-            if not self.ahead.refused(server):
-                return []
-            self.ahead.ends()
-            holding.assignments.may_move = False
-            return [ReportProgress(f"{error}; the sub-cubes stay where they are")]
-        if message.request == ConnectToSplatServers.__name__:
-            if not self.routes.refused(server):
-                return []  # it has been told since whom it can reach
-            if server in holding.boxes and len(holding.boxes) > 1:  # the others can draw
-                self.servers.note_unlinked(server)
-                return [Send(server, EndSession()), *self._lose(server, str(error))]
-        assignments = holding.assignments
-        if message.assignment and message.assignment != assignments.newest:
-            return []  # who waits now has asked since
-        if holding.volume is None and message.no_room and len(self.servers.chosen) > 1:  # others may have it
-            cause = f"{self.servers.name(server)}: {message.cause}"
-            return [Send(server, EndSession()), *self._lose(server, cause)]
-        if holding.volume is None or not message.assignment:
-            return self._fail(error)
+        """Whoever waits for it is told, and the session goes on."""
+        holding, assignments = self.holding, self.holding.assignments
         moves = assignments.moving and assignments.may_move
         if not holding.refused(server, message.request, message.held):
-            return [ReportProgress(f"{error}; the sub-cubes stay where they are")] if moves else []
+            return [ReportProgress(f"{error}; {_STAY}")] if moves else []
         waiting = [probe.asked.probe for probe in self.probes.waiting()]
         return [*self.frames.end(error), *(told for probe in waiting for told in self.probes.refused(probe, error))]
 
@@ -402,7 +418,7 @@ class Coordinator:
         for server in lost:
             if server in self.servers.joined:
                 cause = f"{self.servers.name(server)} has no connection to {self.servers.name(teller)}"
-                told += [Send(server, EndSession()), *self._lose(server, cause)]
+                told += self._send_off(server, cause)
         return told
 
     def validate_state(self) -> None:

@@ -306,7 +306,7 @@ class ServerLinks:
                 missed = [self._peers[worker] for worker in lost if worker in self._peers]
             case messages.FrameMapped(frame=frame, lost=lost) if frame == self._newest_frame():
                 missed = [self._peers[splat] for splat in lost if splat in self._peers]
-            case messages.Refused(peer_lost=True):
+            case messages.Refused(reason=messages.Reason.PEER_LOST):
                 missed = [peer for peer in list(self._peers.values()) if peer.role == Role.SPLAT_SERVER]
             case _:
                 missed = []

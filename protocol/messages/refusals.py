@@ -2,7 +2,7 @@
 
 import logging
 
-from volsplat.protocol.messages.messages import LONGEST_LINE, Message, Refused
+from volsplat.protocol.messages.messages import LONGEST_LINE, Message, Reason, Refused
 from volsplat.protocol.text.errors import NoRoom, PeerLost, VolsplatError
 
 log = logging.getLogger(__name__)
@@ -18,11 +18,10 @@ def refusal(request: Message, error: Exception) -> Refused:
     return Refused(
         request=type(request).__name__,
         cause=_cause(error)[:LONGEST_LINE],
+        reason=_reason(error),
         frame=getattr(request, "frame", 0),
         assignment=getattr(request, "assignment", 0),
-        peer_lost=isinstance(error, PeerLost),
         probe=getattr(request, "probe", 0),
-        no_room=isinstance(error, NoRoom),
     )
 
 
@@ -46,6 +45,15 @@ def why_silent(client: object, error: Exception) -> VolsplatError:
 def _internal(line: str, error: Exception) -> VolsplatError:
     log.error("%s", line, exc_info=error)
     return VolsplatError(f"{line}: {type(error).__name__}: {error}")
+
+
+def _reason(error: Exception) -> Reason:
+    match error:
+        case PeerLost():
+            return Reason.PEER_LOST
+        case NoRoom():
+            return Reason.NO_ROOM
+    return Reason.REQUEST
 
 
 def _cause(error: Exception) -> str:

@@ -1,5 +1,6 @@
 """Messages about the session itself: what servers have, who links to whom, what cannot be done, and its end."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -109,24 +110,29 @@ class ConnectToSplatServers(Message, frozen=True):
     routes: Annotated[list[Route], Meta(max_length=MAX_SERVERS)]
 
 
+class Reason(StrEnum):
+    """Why a request cannot be met."""
+
+    REQUEST = "what was asked for"
+    PEER_LOST = "another server is gone or cannot be reached"
+    NO_ROOM = "want of memory, which other servers may have"
+
+
 @says(CLIENT_TO_MAPSHADE.back, CLIENT_TO_SPLAT.back)
 class Refused(Message, frozen=True):
     """Map/shade server or splat server to client: a request cannot be met, for the cause given in one line.
 
     `request` is the message's name; `frame`, `assignment` and `probe` are the request's, 0 where it carries none.
-    `peer_lost`: not for what was asked, but because another server is gone or cannot be reached.
-    `no_room`: for want of memory, which other servers may have.
     `held` is the assignment that a map/shade server still holds, 0 for none.
     """
 
     request: Line
     cause: Line
+    reason: Reason = Reason.REQUEST
     frame: IdOrNone = 0
     assignment: IdOrNone = 0
-    peer_lost: bool = False
     probe: IdOrNone = 0
     held: IdOrNone = 0
-    no_room: bool = False
 
     def __post_init__(self) -> None:
         for field in ("request", "cause"):  # they will be shown

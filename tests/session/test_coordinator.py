@@ -273,7 +273,9 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_a
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))]:
         coordinator.handle(event)
-    refused = messages.Refused("ConnectToSplatServers", "cannot reach the splat server", peer_lost=True)
+    refused = messages.Refused(
+        "ConnectToSplatServers", "cannot reach the splat server", reason=messages.Reason.PEER_LOST
+    )
     told = coordinator.handle(said(FIRST, refused))
     assert (FIRST, messages.EndSession) in sent(told) and not any(isinstance(one, FailSession) for one in told)
     assert [one.text for one in told if isinstance(one, ReportLoss)]
@@ -293,7 +295,9 @@ def unlinked() -> tuple[CheckedCoordinator, ServerJoined]:
         said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY)),
     ]:
         coordinator.handle(event)
-    coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", peer_lost=True)))
+    coordinator.handle(
+        said(FIRST, messages.Refused("ConnectToSplatServers", "no answer", reason=messages.Reason.PEER_LOST))
+    )
     return coordinator, first
 
 

@@ -204,7 +204,7 @@ def test_a_splat_server_that_a_worker_cannot_link_to_is_done_without() -> None:
 def test_what_a_worker_could_not_reach_before_it_was_told_anew_counts_for_nothing() -> None:
     coordinator = drawing_big()
     coordinator.handle(ServerLost(LOST, GONE))
-    refused = messages.Refused("ConnectToSplatServers", "cannot reach splat server 8", peer_lost=True)
+    refused = messages.Refused("ConnectToSplatServers", "cannot reach splat server 8", reason=messages.Reason.PEER_LOST)
     assert coordinator.handle(said(FIRST, refused)) == [], "it has been told since to do without"
     assert sent(coordinator.handle(said(FIRST, refused)))[0] == (FIRST, messages.EndSession)
 

@@ -105,7 +105,7 @@ def test_a_missing_field_is_refused_by_name(kind: type[Message]) -> None:
 def test_a_field_of_another_type_is_refused_by_name(kind: type[Message]) -> None:
     fields = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
     for field in msgspec.structs.fields(kind):
-        control = msgspec.msgpack.encode({**fields, field.name: None})
+        control = msgspec.msgpack.encode({**fields, field.name: msgspec.msgpack.Ext(1, b"of no field")})
         with pytest.raises(RemoteProtocolError, match=rf"\$\.{field.name}"):
             list(Decoder(speech_for(kind)).feed(framed(control)))
 

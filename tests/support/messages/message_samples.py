@@ -445,9 +445,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.CountPlane: st.builds(messages.CountPlane, ids, ids, _level_numbers),
     messages.PlaneCounted: st.builds(messages.PlaneCounted, ids, ids),
-    messages.Refused: st.builds(
-        messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none, st.booleans()
-    ),
+    messages.Refused: st.builds(messages.Refused, lines, lines, st.sampled_from(messages.Reason), *[ids_or_none] * 4),
     messages.EndSession: st.builds(messages.EndSession, st.booleans()),
 }
 
