@@ -46,9 +46,7 @@ class Machine(Table, frozen=True, kw_only=True):
     map_shade_servers: Count = 0
     splat_servers: Count = 0
     threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # of each server; absent: its cores shared out
-    memory: Text | None = (
-        None  # that a map/shade server may hold of a prepared volume, as "8G"; the least counts for all
-    )
+    memory: Text | None = None  # of a prepared volume for each map/shade server, as "8G"; the least counts for all
     data_root: Text | None = None  # nothing outside is opened; a relative VOLUME lies below it
     command: Text = "volsplat"  # how volsplat is called there
     listen: Text | None = None  # servers wait here to be dialled, on consecutive ports; absent: they dial the client
@@ -103,9 +101,8 @@ class Cluster(Table, frozen=True, kw_only=True):
     machines: Annotated[tuple[Machine, ...], Meta(min_length=1, max_length=1000)]
     client: Text | None = None  # HOST:PORT where servers that dial in reach the client; absent: found by routes
     tls: bool = True
-    silence: Annotated[float, Meta(ge=LEAST_SILENCE, le=MOST_SILENCE)] = (
-        2.0  # seconds, after which a peer that says nothing is lost
-    )
+    # Seconds, after which a peer that says nothing is lost.
+    silence: Annotated[float, Meta(ge=LEAST_SILENCE, le=MOST_SILENCE)] = 2.0
     keep: Annotated[float, Meta(gt=0, le=LONGEST_WAIT)] = 600.0  # seconds that servers stay without a client
     token_file: Text | None = None  # absent: `volsplat deploy up` makes one
     log_format: LogFormat = "text"  # of the servers' logs

@@ -445,7 +445,7 @@ class Image(Part, frozen=True):
         ),
     ] = (0.0, 0.0, 0.0)
     edges: Annotated[bool, Key("Draw the volume's boundary as white edges.", Switch("white edges of the volume"))] = (
-        False  # as on the paper's plates
+        False
     )
 
 

@@ -1,7 +1,7 @@
 """What every message is: immutable, strictly checked, and declared in one place, on its type.
 
 The docstring says who sends it to whom; `says` and `asks` declare the same for the program, with the answers of a
-request, and `largest_payload` with `payload_bytes` what follows it. Everything else is derived (see message_rules).
+request, and `largest_payload` with `payload_bytes` what follows it. Everything else is derived.
 """
 
 from collections.abc import Callable, Mapping

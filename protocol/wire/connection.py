@@ -64,9 +64,7 @@ class Connection:
         self._outgoing = Speech()
         self._deadline: float | None = None
         self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
-        self._leave: Callable[[], SignsOfLife | None] | None = (
-            None  # has signs of life follow what is sent; guarded too
-        )
+        self._leave: Callable[[], SignsOfLife | None] | None = None  # has signs of life follow what is sent; guarded
         self._signs: SignsOfLife | None = None  # those that follow now
         self._gate = threading.Lock()  # guards _closed and _users
         self._closed = False

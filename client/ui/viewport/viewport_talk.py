@@ -52,9 +52,7 @@ class ViewportTalk:
         self._sent = 0  # number of the last picture that was sent
         self._under_way = UnderWay()
         self._newest_probe = 0
-        self._probing = (
-            asyncio.Lock()
-        )  # held while the servers are asked what is drawn under the pointer: once at a time
+        self._probing = asyncio.Lock()  # held while servers are asked what is under the pointer: once at a time
         self._reading_file = asyncio.Lock()  # held while the file is read for this viewport: once at a time
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions = contextlib.ExitStack()
