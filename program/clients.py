@@ -5,9 +5,9 @@ import logging
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from volsplat.program.departure import Departure
+from volsplat.program.server_process import ServerOptions
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
@@ -15,9 +15,7 @@ from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
-from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, new_buffer
-from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.waiting import WaitingPort
 
 LONG_PATIENCE = 2.0  # seconds: whoever waits so long should hear what for
@@ -28,35 +26,16 @@ REPEAT_PAUSE_SECONDS = 1.0  # between two looks for a client, where the first wa
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Life:
-    """How long a server goes without a client."""
-
-    patience: float = 60.0  # seconds for the first, and for one that was lost
-    resident: bool = False  # it outlives its clients …
-    keep: float = 600.0  # … and stays so many seconds without any
-
-
 class Clients:
     """Finds them. `serve` is the life of the server."""
 
-    def __init__(
-        self,
-        role: Role,
-        token: Token,
-        life: Life,
-        dialled: Address | None,
-        wait_at: Address | None,
-        encryption: Encryption = Encryption.BETWEEN_MACHINES,
-    ) -> None:
-        """One of both: `dialled` is the client, at `wait_at` clients dial. For the main thread.
-
-        Raises BadInput where it cannot be had.
-        """
-        self._token, self._life, self._dialled = token, life, dialled
-        self._encryption = encryption
+    def __init__(self, role: Role, options: ServerOptions) -> None:
+        """As `options` say. For the main thread. Raises BadInput where it cannot wait for clients."""
+        self._options = options
         self._allocate: Allocate = BufferPool() if role is Role.MAPSHADE_SERVER else new_buffer
-        self._port = WaitingPort(role, wait_at, token, self._allocate, encryption) if wait_at is not None else None
+        self._port: WaitingPort | None = None
+        if options.wait_at is not None:
+            self._port = WaitingPort(role, options.wait_at, options.token, self._allocate, options.encryption)
         self._lost = False  # the client before; or nobody came
         self._found = False
         self._departure = Departure()
@@ -66,19 +45,20 @@ class Clients:
 
     def next(self, hello: Hello) -> Connection:
         """The next client, which hears `hello`. Raises PeerLost where none comes in time."""
-        patience = self._life.keep if self._life.resident else self._life.patience
+        options = self._options
+        patience = options.keep if options.resident else options.patience
         if self._port is not None:
             client = self._port.next_client(hello, patience)
         else:
-            assert self._dialled is not None
-            if self._lost and not self._life.resident and _is_here(self._dialled):
+            assert options.connect is not None
+            if self._lost and not options.resident and _is_here(options.connect):
                 patience = 0.0  # where it was nobody listens any more, or it takes this server at once
             client = connect(
-                self._dialled,
+                options.connect,
                 hello,
-                self._token,
+                options.token,
                 Role.CLIENT,
-                encryption=self._encryption,
+                encryption=options.encryption,
                 patience=patience,
                 allocate=self._allocate,
                 report=lambda line: log.log(
@@ -109,22 +89,22 @@ class Clients:
                 lost = None
             except (PeerLost, RemoteProtocolError) as error:
                 short = short + 1 if time.monotonic() - began < SHORT_SECONDS else 0
-                if not self._found or (short == MOST_SHORT and not self._life.resident):
+                if not self._found or (short == MOST_SHORT and not self._options.resident):
                     raise lost or error from error
                 lost = error
             except BadInput as error:
-                if not self._life.resident or (not self._found and began - last_seen > self._life.keep):
+                if not self._options.resident or (not self._found and began - last_seen > self._options.keep):
                     raise
                 lost = PeerLost(str(error))
             if self._found:
                 told, last_seen = "", time.monotonic()
             self._departure.attend(None)
-            if self._departure.begun or (lost is None and not (again or self._life.resident)):
+            if self._departure.begun or (lost is None and not (again or self._options.resident)):
                 return
             self._lost = lost is not None
             if lost is not None:
                 if str(lost) != told:
-                    level = logging.WARNING if self._life.resident else logging.INFO
+                    level = logging.WARNING if self._options.resident else logging.INFO
                     log.log(level, "%s; looking for a client again", lost)
                 told = str(lost)
                 time.sleep(max(0.0, began + REPEAT_PAUSE_SECONDS - time.monotonic()))

@@ -1,38 +1,28 @@
 """`volsplat splat-server`: joins a client and draws for it until its session ends, and others after it if resident."""
 
-import os
 from contextlib import closing
 from ipaddress import ip_address
-from pathlib import Path
+from typing import Any
 
 import click
 
+from volsplat.program.clients import Clients
 from volsplat.program.command_lines import HELP, examples
 from volsplat.program.counts import Counts
 from volsplat.program.server_process import (
-    THREADS,
+    ServerOptions,
     address_option,
-    checked_metrics,
     client_options,
-    clients_of,
     log_as_asked,
-    log_options,
     metrics_of,
-    metrics_options,
-    name_option,
-    sharing_option,
-    silence_option,
-    threads_of,
-    tls_option,
+    process_options,
 )
 from volsplat.program.this_machine import process_name
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.buffer_pool import BufferPool
-from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
-from volsplat.protocol.wire.tokens import need_token
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.server import SplatServer
 
@@ -60,56 +50,31 @@ EXAMPLE = examples("volsplat splat-server --connect desk:7411 --listen node1:741
     metavar="HOST[:PORT]",
     help="What map/shade servers are told to dial (where --listen is, or as the client sees this server).",
 )
-@click.option("--threads", type=THREADS, help="Threads that splat (cores).")
-@sharing_option
-@name_option
-@tls_option
-@silence_option
-@metrics_options
-@log_options
-def splat_server(
-    connect: Address | None,
-    wait_at: Address | None,
-    token_file: Path | None,
-    patience: float,
-    resident: bool,
-    keep: float,
-    listen: Address,
-    advertise: str | None,
-    threads: int | None,
-    sharing: int,
-    name: str,
-    tls: bool | None,
-    silence: float,
-    metrics: Address | None,
-    metrics_token: Path | None,
-    verbose: bool,
-    log_format: str,
-) -> None:
+@process_options
+def splat_server(listen: Address, advertise: str | None, **settings: Any) -> None:
     """Join a client, merge and splat what its map/shade servers send, and hand out the image."""
-    log_as_asked("splat-server", verbose, log_format)
-    counts, door = Counts(), checked_metrics(metrics, metrics_token)
-    token = need_token(os.environ, token_file)
+    log_as_asked("splat-server", settings)
+    options, counts = ServerOptions.of(settings), Counts()
     with (
-        metrics_of(lambda: counts, metrics, door),
-        closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients,
+        metrics_of(lambda: counts, options.metrics),
+        closing(Clients(Role.SPLAT_SERVER, options)) as clients,
     ):
 
         def serve_one() -> bool:
-            invitations = Invitations(token)
+            invitations = Invitations(options.token)
             with Listener(
                 Role.SPLAT_SERVER,
-                token,
+                options.token,
                 host=listen.host,
                 port=listen.port,
                 token_of=invitations.token_of,
                 allocate=BufferPool(),
-                encryption=Encryption.of(tls),
+                encryption=options.encryption,
             ) as data_links:
                 host, port = told_address(data_links.address, advertise)
-                hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name(name))
-                client, owners = clients.next(hello), threads_of(threads, sharing)
-                return SplatServer(client, data_links, invitations, owners, silence, counts).run()
+                hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name(options.name))
+                client, threads = clients.next(hello), options.threads
+                return SplatServer(client, data_links, invitations, threads, options.silence, counts).run()
 
         clients.serve(serve_one)
 

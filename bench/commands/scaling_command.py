@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -35,14 +36,20 @@ from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
 from volsplat.bench.views import around, seen
 from volsplat.client.command.help_page import helped
-from volsplat.client.command.opened_volume import Servers, memory_option, opened, servers_from_options
+from volsplat.client.command.opened_volume import opened
+from volsplat.client.command.server_options import (
+    Servers,
+    joined_by_hand,
+    listen_options,
+    memory_option,
+    spawn_option,
+)
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
 PACKED_VOXEL_BYTES = 4
@@ -59,9 +66,8 @@ USUAL_WORKERS = "1,2,4,8"
 @click.option("--images", default="256,512,1024", help="Sides of the square images, pixels (256,512,1024).")
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views of each setting (7).")
 @memory_option
-@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
-@click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
-@click.option("--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen.")
+@listen_options
+@spawn_option
 @output_options(plot=True)
 def scaling(
     volume: str | None,
@@ -76,13 +82,10 @@ def scaling(
     sizes: str,
     images: str,
     repeats: int,
-    memory: str | None,
-    listen: str | None,
-    spawn: str | None,
-    token_file: Path | None,
     json: Path | None,
     markdown: Path | None,
     plot: Path | None,
+    **settings: Any,
 ) -> None:
     """Measure how a frame's time grows with servers, pixels, voxels and visible voxels, and name what limits it.
 
@@ -91,12 +94,10 @@ def scaling(
     either, the single process is measured as well if this machine sees the volume. With --threads it also counts what
     each thread of the single process takes of a frame, in the largest image.
     """
-    if cluster is not None and (listen is not None or spawn is not None):
+    if cluster is not None and (settings["listen"] is not None or settings["spawn"] is not None):
         raise BadInput("--cluster says where the servers are; leave out --listen and --spawn")
-    spawns = cluster is None and (spawn == "local" or (spawn is None and listen is None))
-    joins = cluster is None and not spawns
-    if joins and listen is None:
-        raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
+    joins = joined_by_hand(settings)
+    spawns = cluster is None and not joins
     subject = subject_of(volume, phantom, tables, scene, preset, here=spawns)
     drawers = drawers_from_options(cluster, workers, USUAL_WORKERS)
     shares_drawn, sides = fractions("--sizes", sizes), whole_numbers("--images", images)
@@ -110,7 +111,6 @@ def scaling(
     predicted_counts = whole_numbers("--predict", predict, most=4096) if predict else []
     if predicted_counts and not spawns:
         raise BadInput("--predict goes by what is measured on this machine; leave it out with a cluster")
-    memory_bytes = bytes_from_option("--memory", memory) if memory else None
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = SideConsole()
@@ -119,11 +119,11 @@ def scaling(
         cases, taken, found = list[Case](), list[Taken](), ""
         if joins:
             assert isinstance(drawers, list)
-            servers = servers_from_options(drawers[0], 1, usable_cores(), listen, token_file, memory=memory)
+            servers = Servers.of(settings | {"workers": drawers[0], "threads": usable_cores()})
             status.stop()
             source = joined(path, servers, console)
         else:
-            source = groups_of(drawers, path, memory_bytes, status.update)
+            source = groups_of(drawers, path, settings["memory"], status.update)
         with closing(source) as groups:
             for rows in groups:
                 status.stop()
@@ -176,7 +176,7 @@ def cases_of(
 
 def joined(path: str, servers: Servers, console: PlainConsole) -> Generator[list[Row]]:
     """Servers that join; and the single process, if the volume is seen from here."""
-    with opened(path, servers, False, console) as cluster:
+    with opened(path, servers, console) as cluster:
         assert cluster.volume, "wait until its servers have read the volume"
         rows = [Row(servers.workers, cluster)]
         if Path(path).exists():

@@ -9,9 +9,10 @@ import click
 
 from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
-from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
+from volsplat.client.command.opened_volume import tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.server_options import memory_option
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
@@ -19,7 +20,7 @@ from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.server_process import THREADS
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.text.byte_sizes import bytes_from_option
+from volsplat.protocol.description.volume_name import check_is_there
 
 PROGRESS_STEPS = 100
 
@@ -59,7 +60,7 @@ def export(
     every: int,
     light: Light | None,
     threads: int,
-    memory: str | None,
+    memory: int | None,
     **settings: Any,
 ) -> None:
     """Write what is visible of VOLUME for other programs.
@@ -71,12 +72,11 @@ def export(
     check_export(output, level, light)
     options = SceneOptions.of(settings)
     options.scene_of(None)
-    check_found(volume, True, None)
+    check_is_there(volume)
     check_written_apart(volume, output)
-    may_hold = bytes_from_option("--memory", memory) if memory else None
     console = SideConsole()
     with shown_progress(PROGRESS_STEPS, console) as (say, done):
-        with SingleProcess(volume, threads=threads, memory=may_hold, on_progress=say) as single:
+        with SingleProcess(volume, threads=threads, memory=memory, on_progress=say) as single:
             single.volume.check_has_values()
             tell_notes(single.volume, console)
             options.tell_unsuited(single.volume, console)

@@ -6,14 +6,16 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import helped
-from volsplat.client.command.opened_volume import opened_quietly, server_options, servers_from_options
+from volsplat.client.command.opened_volume import opened_quietly
 from volsplat.client.command.progress_bar import shown_progress
+from volsplat.client.command.server_options import Servers, server_options
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
 from volsplat.protocol.description.scene import FinestStep, Step
@@ -29,26 +31,13 @@ from volsplat.protocol.description.scene import FinestStep, Step
 @server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
 @click.option("--step", type=Words(FinestStep), default="F", help="The step for what the paper draws in step F (F).")
-def gallery(
-    out: Path,
-    data: Path | None,
-    workers: int,
-    splat_servers: int,
-    threads: int,
-    silence: float,
-    tls: bool | None,
-    cluster: Path | None,
-    size: int,
-    step: str,
-) -> None:
+def gallery(out: Path, data: Path | None, size: int, step: str, **settings: Any) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 
     Every image comes from a scene file in the package's folder gallery/scenes. With --data, volumes are taken from
     that folder where it has them; volsplat makes all others itself.
     """
-    servers = servers_from_options(
-        workers, splat_servers, threads, None, None, cluster=cluster, silence=silence, tls=tls
-    )
+    servers = Servers.of(settings)
     console = SideConsole()
     began = time.perf_counter()
     with interrupts_held():
@@ -59,7 +48,7 @@ def gallery(
 
         @contextmanager
         def opened(volume: str) -> Iterator[Renderer]:
-            with opened_quietly(volume, servers, True, say, console) as renderer:
+            with opened_quietly(volume, servers, say, console) as renderer:
                 for warning in renderer.volume.description.warnings:
                     console.say(f"note: {warning}")
                 yield renderer

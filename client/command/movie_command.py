@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,20 +13,14 @@ import click
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
-from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
-from volsplat.client.command.opened_volume import (
-    check_found,
-    memory_option,
-    opened_quietly,
-    server_options,
-    servers_from_options,
-    trace_option,
-)
+from volsplat.client.command.help_page import FILES, SCENE, headed, helped, volume_argument
+from volsplat.client.command.opened_volume import opened_quietly
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.server_options import Servers, memory_option, server_options, single_option, trace_option
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.figure.characters import check_words
-from volsplat.client.figure.figure import BARE
+from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_movie_writable, movie_files
@@ -71,7 +67,7 @@ from volsplat.protocol.text.errors import BadInput
 @figure_options
 @server_options
 @memory_option
-@headed(SERVERS, click.option("--single", is_flag=True, help="One process, no servers: the same images."))
+@single_option
 def movie(
     volume: str,
     output: Path,
@@ -80,15 +76,6 @@ def movie(
     axis: TurningAxis | None,
     keys: tuple[Path, ...],
     step: str,
-    workers: int,
-    splat_servers: int,
-    threads: int,
-    silence: float,
-    tls: bool | None,
-    cluster: Path | None,
-    memory: str | None,
-    trace: Path | None,
-    single: bool,
     **settings: Any,
 ) -> None:
     """Turn VOLUME once around, or move through key scenes, into a movie.
@@ -99,57 +86,66 @@ def movie(
     appears under its name when it is complete.
     """
     figure = figure_of(settings)
-    if figure is not None and figure.transparent:
-        check_clear(output)
-    options = SceneOptions.of(settings)
-    if keys and axis is not None:
-        raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
-    check_found(volume, True, cluster)
-    check_written_apart(volume, *movie_files(output, frames), records=[trace])
-    if keys:
-        check_key_count(len(keys), frames)
-    options.key_scenes(None, keys)
-    options.scene_of(None)
-    check_movie_writable(output)
-    if figure is not None:
-        check_words(figure, output)
-    servers = servers_from_options(
-        workers,
-        splat_servers,
-        threads,
-        None,
-        None,
-        single,
-        memory,
-        cluster=cluster,
-        silence=silence,
-        tls=tls,
-        trace=trace,
-    )
-
-    def scenes_of(known: SurveyedVolume) -> list[Scene]:
-        geometry = known.description.geometry
-
-        def made_ready(scene: Scene) -> Scene:
-            return known.settled(scene if figure is None else sized(figure, scene, known))
-
-        if keys:
-            ready = [made_ready(key) for key in options.key_scenes(known, keys)]
-            return key_framed(ready, geometry, frames, known.automatic_window)
-        return turntable(made_ready(options.scene_of(known)), geometry, frames, axis or "screen-y")
-
+    motion = Motion(SceneOptions.of(settings), figure, frames, keys, axis)
+    motion.check()
+    servers = Servers.of(settings)
+    servers.check_sees(volume)
+    check_written_apart(volume, *movie_files(output, frames), records=[servers.trace])
+    check_output(output, figure)
     console = SideConsole()
     began = time.perf_counter()
     with shown_progress(frames, console) as (say, done):
-        with opened_quietly(volume, servers, True, say, console) as renderer:
+        with opened_quietly(volume, servers, say, console) as renderer:
             with interrupts_held():  # imported when every server works
                 from volsplat.client.figure.frame_figure import FrameFigure
-                from volsplat.client.figure.layout import sized
                 from volsplat.client.movie.movie import write_movie
-            scenes = scenes_of(renderer.volume)
-            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
             known = renderer.volume
-            width, height = FrameFigure(figure or BARE, scenes, renderer.volume).extent
+            scenes = motion.scenes_of(known)
+            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
+            width, height = FrameFigure(figure or BARE, scenes, known).extent
     seconds = time.perf_counter() - began
-    options.tell_unsuited(known, console)
+    motion.options.tell_unsuited(known, console)
     console.say(f"{output}: {frames} images of {width}x{height}, {seconds:.1f} s")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What moves in a movie: one scene once around, or from key to key."""
+
+    options: SceneOptions
+    figure: Figure | None
+    frames: int
+    keys: Sequence[Path]
+    axis: TurningAxis | None
+
+    def check(self) -> None:
+        """Raise BadInput before anything is started if there are no such scenes."""
+        if self.keys and self.axis is not None:
+            raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
+        if self.keys:
+            check_key_count(len(self.keys), self.frames)
+        self.options.key_scenes(None, self.keys)
+        self.options.scene_of(None)
+
+    def scenes_of(self, known: SurveyedVolume) -> list[Scene]:
+        """One for each frame. Raises BadInput."""
+        geometry = known.description.geometry
+        if self.keys:
+            ready = [self._made_ready(key, known) for key in self.options.key_scenes(known, self.keys)]
+            return key_framed(ready, geometry, self.frames, known.automatic_window)
+        begun = self._made_ready(self.options.scene_of(known), known)
+        return turntable(begun, geometry, self.frames, self.axis or "screen-y")
+
+    def _made_ready(self, scene: Scene, known: SurveyedVolume) -> Scene:
+        from volsplat.client.figure.layout import sized  # when every server works
+
+        return known.settled(scene if self.figure is None else sized(self.figure, scene, known))
+
+
+def check_output(output: Path, figure: Figure | None) -> None:
+    """Raises BadInput for a movie that could not be written, or not with this figure."""
+    if figure is not None and figure.transparent:
+        check_clear(output)
+    check_movie_writable(output)
+    if figure is not None:
+        check_words(figure, output)

@@ -9,17 +9,19 @@ import click
 
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
-from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
-from volsplat.client.command.opened_volume import (
-    check_found,
-    memory_option,
-    opened,
-    server_options,
-    servers_from_options,
-    trace_option,
-)
+from volsplat.client.command.help_page import FILES, SCENE, headed, helped, volume_argument
+from volsplat.client.command.opened_volume import opened
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.render_outputs import Outputs, step_image_path
+from volsplat.client.command.server_options import (
+    Servers,
+    listen_options,
+    memory_option,
+    server_options,
+    single_option,
+    spawn_option,
+    trace_option,
+)
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE, Figure
@@ -28,8 +30,7 @@ from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import Step
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.description.scene import Scene, Step
 
 PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the servers start
 
@@ -54,34 +55,11 @@ PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the serve
 @figure_options
 @server_options
 @memory_option
-@headed(
-    SERVERS,
-    click.option("--single", is_flag=True, help="One process, no servers: the same image."),
-    click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none."),
-    click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none."),
-    click.option(
-        "--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing."
-    ),
-)
+@single_option
+@listen_options
+@spawn_option
 def render(
-    volume: str,
-    output: Path | None,
-    workers: int,
-    splat_servers: int,
-    threads: int,
-    silence: float,
-    tls: bool | None,
-    cluster: Path | None,
-    step: str,
-    steps_dir: Path | None,
-    memory: str | None,
-    trace: Path | None,
-    single: bool,
-    report: Path | None,
-    listen: str | None,
-    spawn: str | None,
-    token_file: Path | None,
-    **settings: Any,
+    volume: str, output: Path | None, steps_dir: Path | None, report: Path | None, step: str, **settings: Any
 ) -> None:
     """Draw VOLUME into an image.
 
@@ -89,35 +67,18 @@ def render(
     as in run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
     """
     figure = figure_of(settings)
-    scene_options = SceneOptions.of(settings)
+    options = SceneOptions.of(settings)
+    options.scene_of(None)
     outputs = Outputs(output, steps_dir, report, figure is not None and figure.transparent)
-    spawns = spawn == "local" or (spawn is None and listen is None)
-    if not spawns and listen is None:
-        raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
-    if single and listen is not None:
-        raise BadInput("--single has no servers to listen for; leave out --single or --listen")
-    check_found(volume, spawns, cluster)
-    scene_options.scene_of(None)
-    check_written_apart(volume, *outputs.pictures, records=[outputs.report, trace])
+    check_written_apart(volume, *outputs.pictures, records=[outputs.report, settings["trace"]])
     outputs.check()
     if figure is not None and output is not None:
         check_words(figure, output)
-    servers = servers_from_options(
-        workers,
-        splat_servers,
-        threads,
-        listen,
-        token_file,
-        single,
-        memory,
-        cluster=cluster,
-        silence=silence,
-        tls=tls,
-        trace=trace,
-    )
+    servers = Servers.of(settings)
+    servers.check_sees(volume)
     console = SideConsole()
-    with opened(volume, servers, spawns, console, imports=[PICTURE_FILES]) as renderer:
-        draw(renderer, scene_options, figure, Step(step), outputs, console)
+    with opened(volume, servers, console, imports=[PICTURE_FILES]) as renderer:
+        draw(renderer, options, figure, Step(step), outputs, console)
 
 
 def draw(
@@ -132,10 +93,11 @@ def draw(
     from volsplat.client.figure.figure_file import write_picture  # while the servers start
     from volsplat.client.figure.layout import figure_extent, sized
 
-    scene = options.scene_of(renderer.volume)
-    options.tell_unsuited(renderer.volume, console)
+    volume = renderer.volume
+    scene = options.scene_of(volume)
+    options.tell_unsuited(volume, console)
     if figure is not None:
-        scene = sized(figure, scene, renderer.volume)
+        scene = sized(figure, scene, volume)
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
     for refinement in finished_whole(steps):
@@ -143,20 +105,24 @@ def draw(
         if outputs.steps_dir is not None:
             outputs.make_folder()
             path = step_image_path(outputs.steps_dir, refinement.step)
-            write_picture(path, refinement.published.pixels, scene, renderer.volume, figure)
-    pixels = finished[-1].published.pixels
+            write_picture(path, refinement.published.pixels, scene, volume, figure)
     if outputs.image is not None:
-        write_picture(outputs.image, pixels, scene, renderer.volume, figure)
+        write_picture(outputs.image, finished[-1].published.pixels, scene, volume, figure)
     if outputs.report is not None:
-        write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
-    tell_level(finished[-1], console)
+        write_report(outputs.report, report_of(volume, scene, [r.outcome for r in finished if r.outcome]))
+    tell(finished[-1], scene, figure_extent(figure or BARE, scene, volume), outputs, console)
+
+
+def tell(drawn: Refinement, scene: Scene, extent: tuple[int, int], outputs: Outputs, console: PlainConsole) -> None:
+    """What there is now: the files, their image's `extent` in pixels, and what of a person may not expect in it."""
+    tell_level(drawn, console)
     if outputs.image is not None:
-        if why := why_empty(pixels, scene):
+        if why := why_empty(drawn.published.pixels, scene):
             console.say(f"note: {why}")
-        width, height = figure_extent(figure or BARE, scene, renderer.volume)
-        console.say(f"{outputs.image}: {width}x{height}, {_seconds(finished[-1])} for step {last}")
+        width, height = extent
+        console.say(f"{outputs.image}: {width}x{height}, {_seconds(drawn)} for step {drawn.step}")
     if outputs.steps_dir is not None:
-        console.say(f"{outputs.steps_dir}: steps A to {last}")
+        console.say(f"{outputs.steps_dir}: steps A to {drawn.step}")
 
 
 def tell_level(drawn: Refinement, console: PlainConsole) -> None:

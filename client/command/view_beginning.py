@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.opened_volume import Servers, ignored, opened, session_of, tell_how_to_join
+from volsplat.client.command.opened_volume import ignored, opened, session_of, tell_how_to_join
 from volsplat.client.command.render_options import SceneOptions
+from volsplat.client.command.server_options import Servers
 from volsplat.client.session.session import Session
 from volsplat.program.confinement import can_confine
 from volsplat.program.plain_console import PlainConsole
@@ -38,15 +39,11 @@ LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need
 class ViewBeginning:
     """Of one call of the command."""
 
-    def __init__(
-        self, servers: Servers, options: SceneOptions, root: str | None, by_hand: bool, console: PlainConsole
-    ) -> None:
+    def __init__(self, servers: Servers, options: SceneOptions, root: str | None, console: PlainConsole) -> None:
         self._servers = servers
         self._options = options
         self._root = root
-        self._by_hand = by_hand
         self._console = console
-        self._here = servers.cluster is None and not by_hand
         self._phantoms: PhantomFiles | None = None
 
     @contextmanager
@@ -54,7 +51,7 @@ class ViewBeginning:
         """A folder for them, where the servers see this machine's files."""
         from volsplat.client.ui.opening.phantom_files import PhantomFiles
 
-        if not self._here:
+        if not self._servers.here:
             yield
             return
         with TemporaryDirectory(prefix="volsplat-", ignore_cleanup_errors=True) as folder:
@@ -67,7 +64,7 @@ class ViewBeginning:
         if volume is None:
             yield self._begun_without()
             return
-        with opened(volume, self._servers, not self._by_hand, self._console, say, PAGE) as session:
+        with opened(volume, self._servers, self._console, say, PAGE) as session:
             assert isinstance(session, Session)
             self._join_again(session)
             self._options.tell_unsuited(session.volume, self._console)
@@ -76,18 +73,18 @@ class ViewBeginning:
 
     def restart(self, shown: ShownVolume) -> Callable[[], Restart | None]:
         """What starts the servers again, unless that is done by hand."""
-        return lambda: None if self._by_hand else shown.restart
+        return lambda: None if self._servers.by_hand else shown.restart
 
     def _begun_without(self) -> tuple[ShownVolume, Opening]:
         from volsplat.client.ui.opening.no_volume import NoVolume
         from volsplat.client.ui.opening.opening import Opening
         from volsplat.client.ui.opening.shown_volume import ShownVolume
 
-        self._root = root = self._root or (str(Path.cwd()) if self._here else ".")
-        few = replace(self._servers, workers=1, splat_servers=1) if self._here else self._servers
+        self._root = root = self._root or (str(Path.cwd()) if self._servers.here else ".")
+        few = replace(self._servers, workers=1, splat_servers=1) if self._servers.here else self._servers
         none = NoVolume(lambda: self._session(None, root, ignored, few))
-        if self._by_hand:
-            tell_how_to_join(none.session, none.session.token, self._servers.token is not None, self._console, few.tls)
+        if self._servers.by_hand:
+            tell_how_to_join(none.session, few, self._console)
             self._join_again(none.session)
         shown = ShownVolume(none=none)
         first = [True]  # until a volume is shown: the command's options are for that one
@@ -99,18 +96,18 @@ class ViewBeginning:
             first[0] = False
             return viewing
 
-        return shown, Opening(shown, root, None, self._session, made, not self._here, self._phantoms)
+        return shown, Opening(shown, root, None, self._session, made, not self._servers.here, self._phantoms)
 
     def _join_again(self, session: Session) -> None:
         """Servers that were started by hand find later sessions where they found this one."""
-        if self._by_hand:
+        if self._servers.by_hand:
             self._servers = replace(self._servers, token=session.token, listen=session.address)
 
     def _session(self, volume: str | None, held_to: str | None, say: Say, servers: Servers | None = None) -> Session:
         """For a later volume: the trace stays that of the first one, whose place it would take."""
-        held = held_to if self._here and can_confine() else None
+        held = held_to if self._servers.here and can_confine() else None
         later = replace(servers or self._servers, trace=None, data_root=held)
-        return session_of(volume, later, not self._by_hand, say)
+        return session_of(volume, later, say)
 
     def _viewing_of(self, session: Session, first: bool, scene: Scene | None = None) -> Viewing:
         """The `first` looks as the command's options say. What nobody has set is lit from its first steps on."""
@@ -123,14 +120,14 @@ class ViewBeginning:
             scene = self._options.scene_of(session.volume) if first else session.default_scene()
         if lit:
             scene = msgspec.structs.replace(scene, refine=Refine(lit_from=LIT_FROM))
-        return opened_viewing(session, scene, cure=BY_HAND if self._by_hand else BY_BUTTON)
+        return opened_viewing(session, scene, cure=BY_HAND if self._servers.by_hand else BY_BUTTON)
 
     def _shown(self, viewing: Viewing, volume: str) -> ShownVolume:
         from volsplat.client.ui.opening.shown_volume import ShownVolume
         from volsplat.client.ui.viewing.restart import Restart
 
         again = replace(self._servers, trace=None)
-        return ShownVolume(viewing, Restart(viewing, lambda say: session_of(volume, again, not self._by_hand, say)))
+        return ShownVolume(viewing, Restart(viewing, lambda say: session_of(volume, again, say)))
 
     def _opening_of(self, shown: ShownVolume, volume: str) -> Opening | None:
         """What opens other volumes below the root; of a volume on the web the root must be given."""
@@ -141,9 +138,9 @@ class ViewBeginning:
             if name.is_url:
                 return None
             place = Path(name.place)
-            self._root = str(place.absolute().parent if self._here else place.parent)
+            self._root = str(place.absolute().parent if self._servers.here else place.parent)
 
         def made(session: Session, scene: Scene | None) -> Viewing:
             return self._viewing_of(session, first=False, scene=scene)
 
-        return Opening(shown, self._root, volume, self._session, made, not self._here, self._phantoms)
+        return Opening(shown, self._root, volume, self._session, made, not self._servers.here, self._phantoms)

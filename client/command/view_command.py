@@ -13,15 +13,9 @@ import click
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.help_page import SERVERS, complete_files, headed, helped
-from volsplat.client.command.opened_volume import (
-    check_found,
-    ignored,
-    memory_option,
-    server_options,
-    servers_from_options,
-    trace_option,
-)
+from volsplat.client.command.opened_volume import ignored
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.server_options import Servers, listen_options, memory_option, server_options, trace_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
 from volsplat.client.command.view_beginning import ViewBeginning
 from volsplat.client.ui.doors.admission import Admission
@@ -33,10 +27,10 @@ from volsplat.program.command_lines import Seconds
 from volsplat.program.extras import need
 from volsplat.program.many_imports import many_imports
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
+from volsplat.program.server_process import Metrics, metrics_of, metrics_options
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.addresses import LOOPBACK
 
 if TYPE_CHECKING:
     from volsplat.client.ui.opening.opening import Opening
@@ -78,33 +72,15 @@ GRACE_SECONDS = 600
 @trace_option
 @server_options
 @memory_option
-@headed(
-    SERVERS,
-    metrics_options,
-    click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none."),
-    click.option(
-        "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
-    ),
-)
+@headed(SERVERS, metrics_options)
+@listen_options
 def view(
     volume: str | None,
-    workers: int,
-    splat_servers: int,
-    threads: int,
-    silence: float,
-    tls: bool | None,
-    cluster: Path | None,
     port: int,
     no_browser: bool,
     behind: str | None,
     root: str | None,
     grace: float,
-    memory: str | None,
-    trace: Path | None,
-    metrics: Address | None,
-    metrics_token: Path | None,
-    listen: str | None,
-    token_file: Path | None,
     **settings: Any,
 ) -> None:
     """Show VOLUME in the browser: turn, cut and re-colour it while it refines.
@@ -118,35 +94,29 @@ def view(
     """
     for package in ("nicegui", "PIL"):
         need(package, "the page", "ui")
-    door = checked_metrics(metrics, metrics_token)
+    metrics = Metrics.of(settings)
     options = SceneOptions.of(settings)
     options.scene_of(None)
     public = None if behind is None else PublicAddress.of(behind)
-    if volume is not None:
-        check_found(volume, listen is None, cluster)
-    if root is not None and listen is None and cluster is None and not Path(root).is_dir():
-        raise BadInput(f"--root {root}: is no folder; name one that volumes lie below")
-    servers = servers_from_options(
-        workers,
-        splat_servers,
-        threads,
-        listen,
-        token_file,
-        memory=memory,
-        cluster=cluster,
-        silence=silence,
-        tls=tls,
-        trace=trace,
-    )
+    servers = Servers.of(settings)
+    check_there(volume, root, servers)
     console = PlainConsole(stderr=True)
-    beginning = ViewBeginning(servers, options, root, by_hand=listen is not None, console=console)
+    beginning = ViewBeginning(servers, options, root, console)
     with ended_with_its_reader(), _bound(port) as bound, beginning.phantoms():
         address = PageAddress(bound, Admission(behind=public))
         title = "volsplat" if volume is None else volume_name(volume).place
         with nullcontext() if no_browser else BrowserTab(address, title) as tab:
             with beginning.begun(volume, tab.say if tab else ignored) as (shown, opening), closing(shown):
-                with metrics_of(lambda: shown.session.counts, metrics, door):
+                with metrics_of(lambda: shown.session.counts, metrics):
                     _serve(shown, opening, beginning.restart(shown), address, grace, tab, console)
+
+
+def check_there(volume: str | None, root: str | None, servers: Servers) -> None:
+    """Raises BadInput for a volume or --root that is not there, where that is seen from here."""
+    if volume is not None:
+        servers.check_sees(volume)
+    if root is not None and servers.here and not Path(root).is_dir():
+        raise BadInput(f"--root {root}: is no folder; name one that volumes lie below")
 
 
 def _serve(
@@ -176,18 +146,18 @@ def _serve(
             start_page(shown, opening)
 
     application = Application(shown, build, address, grace)
-
-    def ready() -> None:
-        console.end_status()
-        what = "volsplat" if shown.viewing is None else shown.viewing.volume.description.name
-        for line in (f"{what} is at", "", f"    {address.url}", ""):
-            console.say(line)
-
     if tab is not None:
         tab.make_room()
-    application.run(ready)
+    application.run(lambda: _tell_address(shown, address, console))
     if application.ended_by_grace:
         console.say(f"no page was open for {grace:g} s: everything has ended")
+
+
+def _tell_address(shown: ShownVolume, address: PageAddress, console: PlainConsole) -> None:
+    console.end_status()
+    what = "volsplat" if shown.viewing is None else shown.viewing.volume.description.name
+    for line in (f"{what} is at", "", f"    {address.url}", ""):
+        console.say(line)
 
 
 def _bound(port: int) -> socket.socket:
