@@ -1,11 +1,11 @@
 """What a benchmark draws: a volume, given or made, and the scene that it is shown with."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import click
 import msgspec
@@ -40,6 +40,26 @@ class Subject:
     tables: TableName
     options: SceneOptions
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any], here: bool = True) -> Self:
+        """What a command was given for `subject_options`, whichever of them it has.
+
+        Raises BadInput, also if the volume should be `here` and is not.
+        """
+        volume, phantom, tables = (given.get(name) for name in ("volume", "phantom", "tables"))
+        options = SceneOptions(scene=given.get("scene"), preset=given.get("preset"))
+        has_scene = options.scene is not None or options.preset is not None
+        if (volume is None) == (phantom is None):
+            raise BadInput("give a VOLUME, or --phantom NAME:SIZE in its place")
+        if volume is not None and here:
+            check_is_there(volume)
+        if tables not in (None, TableName.PRESET) and has_scene:
+            raise BadInput(f"--tables {tables} is a scene of its own; leave out --scene and --preset")
+        made = None if phantom is None else phantom_of(phantom)
+        usual = TableName.SHELLS if made is not None and made.name == "shells" and not has_scene else TableName.PRESET
+        options.scene_of(None)  # a bad scene file is reported before anything is started
+        return cls(volume, made, TableName(tables) if tables else usual, options)
+
     def scene_of(self, volume: SurveyedVolume) -> Scene:
         """Raises BadInput."""
         if self.tables != TableName.PRESET:
@@ -48,7 +68,7 @@ class Subject:
 
 
 def subject_options(command: Command) -> Command:
-    """VOLUME, --phantom, --tables, --scene and --preset; read them by subject_of."""
+    """VOLUME, --phantom, --tables, --scene and --preset; what they give `Subject.of` reads."""
     for option in (
         click.option("--preset", type=Words(sorted(PRESETS)), help="Show it with this scene."),
         click.option("--scene", type=click.Path(path_type=Path), help="Show it with this scene TOML."),
@@ -64,30 +84,6 @@ def subject_options(command: Command) -> Command:
     ):
         command = option(command)
     return command
-
-
-def subject_of(
-    volume: str | None,
-    phantom: str | None,
-    tables: str | None,
-    scene: Path | None,
-    preset: str | None,
-    here: bool = True,
-) -> Subject:
-    """What the options ask for. Raises BadInput; also if the volume should be `here` and is not."""
-    if (volume is None) == (phantom is None):
-        raise BadInput("give a VOLUME, or --phantom NAME:SIZE in its place")
-    if volume is not None and here:
-        check_is_there(volume)
-    if tables not in (None, TableName.PRESET) and (scene is not None or preset is not None):
-        raise BadInput(f"--tables {tables} is a scene of its own; leave out --scene and --preset")
-    made = phantom_of(phantom) if phantom is not None else None
-    usual = (
-        TableName.SHELLS if made is not None and made.name == "shells" and not (scene or preset) else TableName.PRESET
-    )
-    options = SceneOptions(scene=scene, preset=preset)
-    options.scene_of(None)  # a bad scene file is reported before anything is started
-    return Subject(volume, made, TableName(tables) if tables else usual, options)
 
 
 def phantom_of(text: str) -> Phantom:

@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
 
 from volsplat.bench.renderers import local_session
-from volsplat.bench.subject import subject_of, volume_file, volume_words
+from volsplat.bench.subject import Subject, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import figure, record
@@ -42,16 +42,13 @@ VIEWS = {"the whole volume": View(), f"zoom {HIGH_ZOOM:g}": View(zoom=HIGH_ZOOM)
     "--image", type=click.IntRange(16, LARGEST_EXTENT), default=1024, help="Side of the square image, pixels (1024)."
 )
 @output_options()
-def aborts(
-    phantom: str, count: int, workers: int, splat_servers: int, image: int, json: Path | None, markdown: Path | None
-) -> None:
+def aborts(count: int, workers: int, splat_servers: int, image: int, **settings: Any) -> None:
     """Abort frames at random moments, seen from random sides, and time it until the last server has acknowledged.
 
     Once for the whole volume in view, once for a zoom at which a packet's footprint covers tens of thousands of pixels.
     """
-    outputs = Outputs(json, markdown)
-    outputs.check()
-    subject = subject_of(None, phantom, None, None, None)
+    outputs = Outputs.of(settings)
+    subject = Subject.of(settings)
     table = TextTable(
         f"Aborts, {workers} map/shade and {splat_servers} splat servers, {image} x {image} pixels: "
         "milliseconds until all have acknowledged",

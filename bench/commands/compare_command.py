@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
@@ -21,7 +22,7 @@ MOVED, STAYED, UNKNOWN = "moved", "", "spread unknown"
 @helped("volsplat bench compare old.json new.json")
 @click.argument("records", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="OLD NEW [MORE]...")
 @output_options()
-def compare(records: tuple[Path, ...], json: Path | None, markdown: Path | None) -> None:
+def compare(records: tuple[Path, ...], **settings: Any) -> None:
     """Compare the figures that OLD and NEW, both written by --json, have in common.
 
     The ratio is NEW over OLD, with what the bounds of both middle halves allow. A figure moved where its two medians
@@ -32,8 +33,7 @@ def compare(records: tuple[Path, ...], json: Path | None, markdown: Path | None)
     """
     if len(records) < 2:
         raise BadInput("give two records or more that `volsplat bench ... --json` wrote")
-    outputs = Outputs(json, markdown)
-    outputs.check()
+    outputs = Outputs.of(settings)
     read = [read_record(path) for path in records]
     if len(read) == 2 and not _other_sizes(read):
         old, new = read

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import cycle
-from pathlib import Path
+from typing import Any
 
 import click
 
 from volsplat.bench.commands.option_lists import whole_numbers
 from volsplat.bench.hosts.cluster import cluster_of_hosts
 from volsplat.bench.scaling.scaling_cases import usual_frame
-from volsplat.bench.subject import subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.subject import Subject, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
@@ -65,30 +65,16 @@ class Taken:
     "--image", type=click.IntRange(16, LARGEST_EXTENT), default=512, help="Side of the square image, pixels (512)."
 )
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views, 15 degrees apart (7).")
-@output_options(plot=False)
-def hosts(
-    volume: str | None,
-    phantom: str | None,
-    tables: str | None,
-    scene: Path | None,
-    preset: str | None,
-    workers: int,
-    splat_servers: str,
-    link: float,
-    image: int,
-    repeats: int,
-    json: Path | None,
-    markdown: Path | None,
-) -> None:
+@output_options()
+def hosts(workers: int, splat_servers: str, link: float, image: int, repeats: int, **settings: Any) -> None:
     """Measure how splat servers on hosts of their own share the links' work. Needs Linux and root.
 
     The hosts are network namespaces of this machine: each has its own network link of the given rate, all share its
     cores. So it shows what links cost, not what more processors bring.
     """
-    subject = subject_of(volume, phantom, tables, scene, preset)
+    subject = Subject.of(settings)
     counts = whole_numbers("--splat-servers", splat_servers, most=64)
-    outputs = Outputs(json, markdown)
-    outputs.check()
+    outputs = Outputs.of(settings)
     taken = []
     console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import click
 
-from volsplat.bench.subject import subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.subject import Subject, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
@@ -20,7 +20,7 @@ from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.messages.image_messages import RGBA_BYTES, ImageRead, RawPixels
 from volsplat.splat_server.image_coder import ImageCoder
@@ -37,63 +37,62 @@ LINKS = {"100 Mbit/s": 12.5e6, "1 Gbit/s": 125e6, "10 Gbit/s": 1.25e9}  # bytes 
     "--image", "side", type=click.IntRange(16, LARGEST_EXTENT), default=1024, help="Side of the square image (1024)."
 )
 @output_options()
-def images(
-    volume: str | None,
-    phantom: str | None,
-    tables: str | None,
-    scene: Path | None,
-    preset: str | None,
-    count: int,
-    degrees: float,
-    side: int,
-    json: Path | None,
-    markdown: Path | None,
-) -> None:
+def images(count: int, degrees: float, side: int, **settings: Any) -> None:
     """Code and decode images of step F, each turned a little from the one before, and weigh them against links.
 
     Times are those that one core is busy. An image is coded, sent and decoded before the next one: nothing overlaps.
     """
-    outputs = Outputs(json, markdown)
-    outputs.check()
-    subject = subject_of(volume, phantom, tables, scene, preset)
+    outputs = Outputs.of(settings)
+    subject = Subject.of(settings)
     console = SideConsole()
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with SingleProcess(path, threads=usable_cores(), on_progress=status.update) as single:
-            known = single.volume
             status.stop()
-            shown = subject.scene_of(known)
-            drawn = []
-            with shown_progress("draw", count) as step:
-                for n in range(count):
-                    rotation = rotation_from_angles(FIRST_AZIMUTH + degrees * n, ELEVATION)
-                    view = seen(shown, known.description.geometry, rotation, (side, side))
-                    drawn.append(single.finish(view, Step.F).published)
-                    step()
+            shown = subject.scene_of(single.volume)
+            drawn = _drawn(single, shown, count, degrees, side)
+            volume = volume_words(single.volume)
+    figures = {kind: _figures(kind, drawn, exact) for kind, exact in KINDS.items()}
+    table = images_table(figures, f"{volume}, {side} x {side} pixels, turned by {degrees:g} degrees", count, side)
+    outputs.deliver(record("images", {"volume": volume}, [one for of in figures.values() for one in of]), [table])
+
+
+def _drawn(single: SingleProcess, shown: Scene, count: int, degrees: float, side: int) -> list[PublishedImage]:
+    """So many images of the scene, each turned by so many degrees from the one before."""
+    drawn = []
+    with shown_progress("draw", count) as step:
+        for n in range(count):
+            rotation = rotation_from_angles(FIRST_AZIMUTH + degrees * n, ELEVATION)
+            view = seen(shown, single.volume.description.geometry, rotation, (side, side))
+            drawn.append(single.finish(view, Step.F).published)
+            step()
+    return drawn
+
+
+def images_table(figures: Mapping[str, Sequence[Figure]], of: str, count: int, side: int) -> TextTable:
+    """A row for each kind of image, whose figures are NAMES."""
     raw = side * side * RGBA_BYTES
     table = TextTable(
-        f"Images of {volume_words(known)}, {side} x {side} pixels, turned by {degrees:g} degrees",
+        f"Images of {of}",
         ("images", "MB", "code, ms", "decode, ms", *(f"a second by {link}" for link in LINKS)),
         f"Median of {count - 1} images. As they are, they have {raw / 1e6:.3g} MB: "
         + ", ".join(f"{rate / raw:.3g} a second by {link}" for link, rate in LINKS.items()),
     )
-    figures: list[Figure] = []
-    for kind, exact in KINDS.items():
-        costs = list(_costs(drawn, exact))[1:]  # the first has none before it
-        of = [
-            figure(f"{kind}: {name}", unit, one)
-            for name, unit, one in zip(NAMES, UNITS, zip(*costs, strict=True), strict=True)
-        ]
-        size, coding, decoding = (one.median for one in of)
-        figures += of
+    for kind, (size, coding, decoding) in ((kind, [one.median for one in of]) for kind, of in figures.items()):
         rates = (1 / (coding + decoding + size / rate) for rate in LINKS.values())
         table.add(kind, *(significant(value) for value in (size / 1e6, coding * 1e3, decoding * 1e3, *rates)))
-    outputs.deliver(record("images", {"volume": volume_words(known)}, figures), [table])
+    return table
 
 
 NAMES, UNITS = ("bytes", "coding", "decoding"), ("B", "s", "s")
 
 
-def _costs(drawn: list[PublishedImage], exact: bool) -> Iterator[tuple[float, float, float]]:
+def _figures(kind: str, drawn: Sequence[PublishedImage], exact: bool) -> list[Figure]:
+    costs = list(_costs(drawn, exact))[1:]  # the first has none before it
+    by_name = zip(NAMES, UNITS, zip(*costs, strict=True), strict=True)
+    return [figure(f"{kind}: {name}", unit, samples) for name, unit, samples in by_name]
+
+
+def _costs(drawn: Sequence[PublishedImage], exact: bool) -> Iterator[tuple[float, float, float]]:
     """Of each image: bytes, and seconds to code and to decode it."""
     coder, decoder = ImageCoder(), ImageDecoder()
     for published in drawn:

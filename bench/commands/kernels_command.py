@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -30,15 +29,14 @@ VOLUMES = ("noise", "shells")
 @click.option("--splats", type=click.IntRange(1000), default=1_000_000, help="In each measurement (1000000).")
 @click.option("--rounds", type=click.IntRange(min=1), default=7, help="In each, every contender runs once (7).")
 @output_options(plot=True)
-def kernels(size: int, splats: int, rounds: int, json: Path | None, markdown: Path | None, plot: Path | None) -> None:
+def kernels(size: int, splats: int, rounds: int, **settings: Any) -> None:
     """Measure the kernels on one core, on every CPU path, in turns with the machine's floors.
 
     The floor of splatting adds the same number of weighted samples to the same pixels, that of map/shade reads every
     packet, looks one table up and shades what is visible; both are bare loops (bench/kernels/paths). Times are CPU
     time of the thread.
     """
-    outputs = Outputs(json, markdown, plot)
-    outputs.check()
+    outputs = Outputs.of(settings)
     from volsplat.bench import _kernels
     from volsplat.bench.floors.map_shade_rates import PackedVolume, share_times, walk_rates
     from volsplat.bench.floors.splat_rates import SIDES, Rows, splat_rates

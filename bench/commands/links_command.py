@@ -8,8 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -80,15 +79,14 @@ class Way:
 @helped("volsplat bench links")
 @click.option("--rounds", type=click.IntRange(min=1), default=200, help="Of 4 MiB either way, by each way (200).")
 @output_options()
-def links(rounds: int, json: Path | None, markdown: Path | None) -> None:
+def links(rounds: int, **settings: Any) -> None:
     """Send bytes to splat servers and back, by a Unix socket, by TCP and by TLS, in turns.
 
     Both ends are on this machine, so that a link's rate is what two cores make of it. Between machines, divide the
     processor time of a GB by the network's seconds for one: that is the part of a core that each end needs.
     """
     need("psutil", "this benchmark", "bench")
-    outputs = Outputs(json, markdown)
-    outputs.check()
+    outputs = Outputs.of(settings)
     table = TextTable(
         "Links between two processes of this machine",
         ("link", "GB/s to it", "GB/s from it", "CPU s/GB, this end", "CPU s/GB, other end", "there and back, µs"),

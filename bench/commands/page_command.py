@@ -10,19 +10,19 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import click
 
-from volsplat.bench.page_drag import dragged, show_in, started
+from volsplat.bench.page_drag import Drag, Start, dragged, show_in, started
 from volsplat.bench.slow_link import slow_link
-from volsplat.bench.subject import subject_of, volume_file
+from volsplat.bench.subject import Subject, volume_file
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
@@ -55,22 +55,13 @@ _ADDRESS = re.compile(r"http://[^\"\s]+token=[\w-]+")
 @click.option("--moves", type=click.IntRange(min=10), default=300, help="Moves of the pointer (300).")
 @click.option("--link", metavar="MBIT,MS", help="Through a line of so many Mbit/s and ms a round trip: 20,40.")
 @output_options()
-def page(
-    volume: str | None,
-    phantom: str | None,
-    workers: int,
-    moves: int,
-    link: str | None,
-    json: Path | None,
-    markdown: Path | None,
-) -> None:
+def page(workers: int, moves: int, link: str | None, **settings: Any) -> None:
     """Drag VOLUME about in headless Chromium, and time it from the pointer's event to the canvas's change."""
-    outputs = Outputs(json, markdown)
-    outputs.check()
+    outputs = Outputs.of(settings)
     need("playwright", "a browser to measure in", "bench")
     need("nicegui", "the page", "ui")
     line = _link(link) if link else None
-    subject = subject_of(volume, phantom, None, None, None)
+    subject = Subject.of(settings)
     with SideConsole().status("starting") as status, volume_file(subject, status.update) as path:
         with _tab() as tab, _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
             start = started(tab, reached, began)
@@ -80,14 +71,16 @@ def page(
             status.update(f"dragging, {moves} moves")
             drag = dragged(tab, moves)
             likenesses = [drag.likeness, *(dragged(tab, SHORT_MOVES).likeness for _ in range(MORE_ENDS))]
+    through = f", through {link.replace(',', ' Mbit/s, ')} ms" if link else ""
+    title = f"{workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves{through}"
+    report(start, drag, likenesses, title, outputs)
+
+
+def report(start: Start, drag: Drag, likenesses: Sequence[float], title: str, outputs: Outputs) -> None:
+    """The table, and the files that are wanted."""
     late = sorted(drag.latencies())
-    table = TextTable(
-        f"The page follows the hand: {workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves"
-        + (f", through {link.replace(',', ' Mbit/s, ')} ms" if link else ""),
-        ("", "median", "95 %", "greatest"),
-        GOALS,
-    )
     p95 = late[math.ceil(0.95 * len(late)) - 1]
+    table = TextTable(f"The page follows the hand: {title}", ("", "median", "95 %", "greatest"), GOALS)
     table.add("event to canvas, ms", *(significant(value * 1e3) for value in (statistics.median(late), p95, late[-1])))
     facts = {
         "start": f"first picture after {significant(start.seen)} s, the first that can be turned after "

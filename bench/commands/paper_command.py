@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 
-from volsplat.bench.clusters.cluster_sizes import MeasuredCluster, groups_of
+from volsplat.bench.clusters.cluster_sizes import Drawers, MeasuredCluster, groups_of
 from volsplat.bench.clusters.cluster_table import cluster_facts, cluster_table, links_table
 from volsplat.bench.commands.drawers import cluster_option, drawers_from_options
 from volsplat.bench.renderers import SINGLE, Row, threads_of_each
 from volsplat.bench.scaling.scaling_cases import Case, Taken, frames_of
-from volsplat.bench.subject import Shares, shares, subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.subject import Shares, Subject, shares, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, machine_words, output_options
 from volsplat.bench.tables.plot import Panel
 from volsplat.bench.tables.progress import shown_progress
@@ -25,6 +26,7 @@ from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_options import size_from_option
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.frame_report import PAPER_SECONDS, STEP_WORDS
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS
@@ -48,34 +50,48 @@ Seconds = Mapping[tuple[str, Step], list[float]]
 @cluster_option
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views; each step is drawn once in each (7).")
 @output_options(plot=True)
-def paper(
-    volume: str | None,
-    phantom: str | None,
-    tables: str | None,
-    scene: Path | None,
-    preset: str | None,
-    size: str,
-    workers: str | None,
-    cluster: Path | None,
-    repeats: int,
-    json: Path | None,
-    markdown: Path | None,
-    plot: Path | None,
-) -> None:
+def paper(size: str, workers: str | None, cluster: Path | None, repeats: int, **settings: Any) -> None:
     """Print the paper's timing table with rows of this machine: the single process and several numbers of servers.
 
     Every repeat is another view, in which the steps A to F are drawn one after the other. With --cluster the rows are
     of its first machine, of the first two and so on, each brought up for its row; another table has bytes and limits.
     """
-    subject = subject_of(volume, phantom, tables, scene, preset, here=cluster is None)
+    subject = Subject.of(settings, here=cluster is None)
     pixels, drawers = size_from_option(size), drawers_from_options(cluster, workers, USUAL_WORKERS)
-    outputs = Outputs(json, markdown, plot)
-    outputs.check()
-    console = SideConsole()
-    names, seconds, taken, scenes = list[str](), dict[tuple[str, Step], list[float]](), list[Taken](), list[Scene]()
+    outputs = Outputs.of(settings)
+    found = measured(subject, drawers, pixels, repeats)
+    image = f"{pixels[0]} x {pixels[1]}"
+    facts = {
+        "volume": volume_words(found.volume),
+        "tables": subject.tables.value,
+        "image": f"{image} pixels, {repeats} views",
+        "shares": str(found.shares),
+        **cluster_facts(found.taken),
+    }
+    names = list(dict.fromkeys(name for name, _ in found.seconds))
+    figures = [figure(f"{name}, step {step}", "s", values) for (name, step), values in found.seconds.items()]
+    of_each = "" if isinstance(drawers, MeasuredCluster) else threads_words(threads_of_each(drawers))
+    tables = [timing_table(names, figures, of_each), speed_up_table(names, figures, of_each)]
+    if found.taken:
+        tables += [cluster_table(found.taken, image), links_table(found.taken)]
+    outputs.deliver(record("paper", facts, figures), tables, [panel(names, figures)])
+
+
+class Found(NamedTuple):
+    """What was measured."""
+
+    volume: SurveyedVolume
+    shares: Shares
+    seconds: Seconds
+    taken: Sequence[Taken]  # of a cluster
+
+
+def measured(subject: Subject, drawers: Drawers, pixels: tuple[int, int], repeats: int) -> Found:
+    """Of all rows."""
+    seconds, taken, scenes = dict[tuple[str, Step], list[float]](), list[Taken](), list[Scene]()
     seen_shares: Shares | None = None
     with (
-        console.status("starting") as status,
+        SideConsole().status("starting") as status,
         volume_file(subject, status.update) as path,
         closing(groups_of(drawers, path, None, status.update, like_machines=True)) as groups,
     ):
@@ -86,24 +102,12 @@ def paper(
             scenes = scenes or [seen(shown, geometry, turned, pixels) for turned in around(repeats)]
             seen_shares = seen_shares or shares(rows[0].renderer, scenes[0])
             seconds |= step_seconds(rows, scenes)
-            names += [row.name for row in rows]
-            if cluster is not None:
+            if isinstance(drawers, MeasuredCluster):
                 taken += frames_of([row for row in rows if row.workers], [Case("pixels", 1.0, scenes)])
             status.start()
         status.stop()
-    facts = {
-        "volume": volume_words(known),
-        "tables": subject.tables.value,
-        "image": f"{pixels[0]} x {pixels[1]} pixels, {repeats} views",
-        "shares": str(seen_shares),
-    }
-    figures = [figure(f"{name}, step {step}", "s", values) for (name, step), values in seconds.items()]
-    of_each = "" if isinstance(drawers, MeasuredCluster) else threads_words(threads_of_each(drawers))
-    shown_tables = [timing_table(names, figures, of_each), speed_up_table(names, figures, of_each)]
-    if taken:
-        shown_tables += [cluster_table(taken, f"{pixels[0]} x {pixels[1]}"), links_table(taken)]
-        facts |= cluster_facts(taken)
-    outputs.deliver(record("paper", facts, figures), shown_tables, [panel(names, figures)])
+    assert seen_shares is not None, "there is one row at least"
+    return Found(known, seen_shares, seconds, taken)
 
 
 def step_seconds(rows: Sequence[Row], scenes: Sequence[Scene]) -> Seconds:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from volsplat.bench.commands.option_lists import fractions, whole_numbers
-from volsplat.bench.subject import Shares, shares, subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.subject import Shares, Subject, shares, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
@@ -50,30 +50,16 @@ class Run:
 @click.option("--distances", default="1,0.5", help="Voxels between two samples of VTK's rays (1,0.5).")
 @click.option("--pictures", type=click.Path(path_type=Path), help="Save both pictures, side by side, in this folder.")
 @output_options()
-def peers(
-    volume: str | None,
-    phantom: str | None,
-    tables: str | None,
-    scene: Path | None,
-    preset: str | None,
-    images: str,
-    views: int,
-    threads: str,
-    distances: str,
-    pictures: Path | None,
-    json: Path | None,
-    markdown: Path | None,
-) -> None:
+def peers(images: str, views: int, threads: str, distances: str, pictures: Path | None, **settings: Any) -> None:
     """Draw VOLUME by volsplat and by VTK's CPU ray caster, shaded, and compare their times and pictures.
 
     Both have the same volume, tables, views, image size and threads. A time is that of one frame, from asking to the
     image in memory. Ratios are taken view by view.
     """
-    subject = subject_of(volume, phantom, tables, scene, preset)
+    subject = Subject.of(settings)
     sizes, counts = whole_numbers("--images", images, least=16), whole_numbers("--threads", threads, most=256)
     steps = fractions("--distances", distances, most=COARSEST)
-    outputs = Outputs(json, markdown)
-    outputs.check()
+    outputs = Outputs.of(settings)
     if pictures is not None:
         make_folder(pictures)
     need("vtkmodules", "volsplat bench peers", "bench")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -42,6 +42,22 @@ class Sizes:
     voxels: int
     repeats: int
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """What a command was given. Raises BadInput."""
+        if given["volume"] is not None:
+            check_is_there(given["volume"])
+        return cls(
+            given["volume"],
+            fractions("--zooms", given["zooms"], most=GREATEST_ZOOM),
+            whole_numbers("--head-images", given["head_images"], least=LEAST_IMAGE),
+            whole_numbers("--images", given["images"], least=LEAST_IMAGE),
+            given["directions"],
+            given["turn"],
+            given["voxels"],
+            given["repeats"],
+        )
+
 
 @helped("volsplat bench quality --only head --sheet pictures.jpg")
 @click.argument("volume", required=False)
@@ -55,41 +71,14 @@ class Sizes:
 @click.option("--repeats", type=click.IntRange(1, 23), default=5, help="Views that are timed (5).")
 @click.option("--sheet", type=click.Path(path_type=Path), help="Draw the pictures side by side into this image file.")
 @output_options(plot=True)
-def quality(
-    volume: str | None,
-    only: Sequence[str],
-    zooms: str,
-    head_images: str,
-    images: str,
-    directions: int,
-    turn: int,
-    voxels: int,
-    repeats: int,
-    sheet: Path | None,
-    json: Path | None,
-    markdown: Path | None,
-    plot: Path | None,
-) -> None:
+def quality(only: Sequence[str], sheet: Path | None, **settings: Any) -> None:
     """Measure how good the pictures of steps F and G and of VTK's CPU ray caster are, with goals beside the figures.
 
     VOLUME is a CT in place of the head phantom, in the part that compares skin and bone with rays cast in float64.
     """
-    if plot is not None and only and not set(only) & set(PLOTTED):
+    outputs, sizes = Outputs.of(settings), Sizes.of(settings)
+    if outputs.plot is not None and only and not set(only) & set(PLOTTED):
         raise BadInput(f"--plot: none of the parts asked for has a plot; ask for {', '.join(PLOTTED)} or leave it out")
-    if volume is not None:
-        check_is_there(volume)
-    sizes = Sizes(
-        volume,
-        fractions("--zooms", zooms, most=GREATEST_ZOOM),
-        whole_numbers("--head-images", head_images, least=LEAST_IMAGE),
-        whole_numbers("--images", images, least=LEAST_IMAGE),
-        directions,
-        turn,
-        voxels,
-        repeats,
-    )
-    outputs = Outputs(json, markdown, plot)
-    outputs.check()
     if sheet is not None:
         check_writable(sheet)
     with interrupts_held():

@@ -1,11 +1,11 @@
 """What every benchmark can leave: tables on the terminal, and JSON, Markdown and a plot in files."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import click
 
@@ -29,13 +29,16 @@ class Outputs:
     markdown: Path | None = None
     plot: Path | None = None
 
-    def check(self) -> None:
-        """Raise BadInput before any work if a file could not be written."""
-        if self.plot is not None:
-            check_plot(self.plot)
-        for path in (self.json, self.markdown, self.plot):
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """What `output_options` gave a command. Raises BadInput for a file that could not be written."""
+        outputs = cls(given["json"], given["markdown"], given.get("plot"))
+        if outputs.plot is not None:
+            check_plot(outputs.plot)
+        for path in (outputs.json, outputs.markdown, outputs.plot):
             if path is not None and (path.is_dir() or not os.access(path.parent, os.W_OK)):
                 raise BadInput(f"{path}: cannot write this file; name another")
+        return outputs
 
     def deliver(self, found: Record, tables: Sequence[TextTable], panels: Sequence[Panel] = ()) -> None:
         """Write the files and print the tables: what cannot be written takes nothing else with it.
@@ -72,7 +75,7 @@ class Outputs:
 
 
 def output_options(plot: bool = False) -> Callable[[Command], Command]:
-    """The options --json, --markdown and --plot."""
+    """The options --json, --markdown and --plot; what they give `Outputs.of` reads."""
 
     def decorated(command: Command) -> Command:
         command = click.option("--json", type=FILE, help="Write the figures, for `volsplat bench compare`.")(command)
