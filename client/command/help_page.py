@@ -33,12 +33,10 @@ class HelpedCommand(click.Command):
                 formatter.write_dl(by_heading[heading])
 
 
-def helped(
-    *typed: str, name: str | None = None, text: str | None = None
-) -> Callable[[Callable[..., Any]], click.Command]:
+def helped(*typed: str, text: str | None = None) -> Callable[[Callable[..., Any]], click.Command]:
     """A command whose help ends with these lines to type; it begins with the function's docstring, or with a text."""
     about = {} if text is None else {"help": text}
-    return click.command(name, cls=HelpedCommand, epilog=examples(*typed), **about)
+    return click.command(cls=HelpedCommand, epilog=examples(*typed), **about)
 
 
 def headed(heading: str, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:

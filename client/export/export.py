@@ -18,7 +18,7 @@ MESHES = (".stl", ".glb", ".obj")
 SUFFIXES = (CLOUD, *MESHES)
 
 
-def check_export(path: Path, level: float | None = None, light: Light | None = None) -> None:
+def check_export(path: Path, level: float | None, light: Light | None) -> None:
     """Raises BadInput before any work if no such file can be written."""
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
@@ -36,9 +36,9 @@ def write_export(
     single: SingleProcess,
     scene: Scene,
     path: Path,
-    level: float | None = None,
-    every: int = 1,
-    light: Light | None = None,
+    level: float | None,
+    every: int,
+    light: Light | None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> str:
     """Write the file that the name's ending asks for; says what it holds. Raises BadInput."""

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.image.image_file import over_background, write_pixels
+from volsplat.client.image.image_file import write_pixels
 from volsplat.client.image.picture_sheet import SheetPicture, picture_sheet
-from volsplat.protocol.description.scene import Colour, Step
+from volsplat.protocol.description.scene import Step
 
 COLUMNS = 3
 
@@ -30,20 +30,16 @@ class StepPicture(NamedTuple):
     seconds: float
 
 
-def write_contact_sheet(
-    path: Path, pictures: Sequence[StepPicture], background: Colour = (0.0, 0.0, 0.0), title: str = ""
-) -> None:
+def write_contact_sheet(path: Path, pictures: Sequence[StepPicture], title: str) -> None:
     """Write the pictures, three to a row, with captions. Raises BadInput if the file cannot be written."""
-    write_pixels(path, contact_sheet(pictures, background, title))
+    write_pixels(path, contact_sheet(pictures, title))
 
 
-def contact_sheet(
-    pictures: Sequence[StepPicture], background: Colour = (0.0, 0.0, 0.0), title: str = ""
-) -> NDArray[np.float32]:
-    """The sheet as (H, W, 3) float32, 0..1."""
+def contact_sheet(pictures: Sequence[StepPicture], title: str) -> NDArray[np.float32]:
+    """The sheet as (H, W, 3) float32, 0..1, with the pictures over black."""
     shown = [
         SheetPicture(
-            over_background(picture.image, background),
+            picture.image[..., :3],  # over black
             mark=picture.step.value,
             caption=CAPTIONS[picture.step],
             aside=_seconds(picture.seconds),

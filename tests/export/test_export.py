@@ -99,7 +99,7 @@ def test_gaussians_draw_our_picture_again(affine: NDArray[np.float64], tmp_path:
         behind = scene.with_(rotation=(-140, 20))
         ways: list[tuple[Light, Scene]] = [("scene", scene), ("viewer", scene), ("viewer", behind)]
         for light, seen in ways:
-            said = write_export(single, scene, tmp_path / "ball.ply", light=light)
+            said = write_export(single, scene, tmp_path / "ball.ply", level=None, every=1, light=light)
             picture = single.finish(seen).published.pixels
             again = drawn(tmp_path / "ball.ply", single, seen)
             assert picture[..., 3].max() > 0.5
@@ -117,14 +117,14 @@ def test_a_mesh_is_the_surface_right_side_out(affine: NDArray[np.float64], tmp_p
     with SingleProcess(ball(affine)) as single:
         scene = single.volume.default_scene()
         for kind in (".stl", ".glb", ".obj"):
-            write_export(single, scene, tmp_path / f"ball{kind}", level=128.0)
+            write_export(single, scene, tmp_path / f"ball{kind}", level=128.0, every=1, light=None)
             mesh: Any = trimesh.load(tmp_path / f"ball{kind}", force="mesh")
             assert mesh.is_watertight
             assert mesh.volume == pytest.approx(expected, rel=MESH_VOLUME)
             middle = affine[:3, :3] @ [12, 12, 12] + affine[:3, 3]
             assert np.allclose(mesh.center_mass, middle, atol=0.1)
         cut = scene.with_(bounds=((0, 0, 0), (13, 25, 25)))
-        write_export(single, cut, tmp_path / "half.stl", level=128.0)
+        write_export(single, cut, tmp_path / "half.stl", level=128.0, every=1, light=None)
         half: Any = trimesh.load(tmp_path / "half.stl", force="mesh")
         assert half.is_watertight and half.volume == pytest.approx(expected / 2, rel=MESH_VOLUME)
         assert 0.0 < edge_of_table(scene) < 255.0
@@ -134,7 +134,9 @@ def test_a_mesh_of_nanometres_in_metres_keeps_its_shape(tmp_path: Path) -> None:
     for name, unit in (("tiny", 5e-9), ("usual", 1.0)):
         with SingleProcess(ball(np.diag([unit, unit, unit, 1.0]))) as single:
             for kind in (".stl", ".obj"):
-                write_export(single, single.volume.default_scene(), tmp_path / f"{name}{kind}", level=128.0)
+                write_export(
+                    single, single.volume.default_scene(), tmp_path / f"{name}{kind}", level=128.0, every=1, light=None
+                )
     lines = [(tmp_path / f"{name}.obj").read_text("utf-8").splitlines() for name in ("tiny", "usual")]
     tiny, usual = (np.array([line.split()[1:4] for line in of_one if line[:2] == "v "]) for of_one in lines)
     assert np.allclose(tiny.astype(float) / 5e-9, usual.astype(float), atol=1e-3)
@@ -149,7 +151,7 @@ def test_colours_of_a_glb_are_linear(tmp_path: Path) -> None:
     with SingleProcess(ball(np.eye(4))) as single:
         scene = single.volume.default_scene()
         for kind in (".glb", ".obj"):
-            write_export(single, scene, tmp_path / f"ball{kind}", level=128.0)
+            write_export(single, scene, tmp_path / f"ball{kind}", level=128.0, every=1, light=None)
     meshes: list[Any] = [trimesh.load(tmp_path / f"ball{kind}", force="mesh") for kind in (".glb", ".obj")]
     stored, shown = (mesh.visual.vertex_colors[0, :3] / 255 for mesh in meshes)
     assert shown.max() > 0.2 and np.allclose(stored, ((shown + 0.055) / 1.055) ** 2.4, atol=0.02)
