@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "image_tiles.h"
+#include "kernels/interpreter_lock.h"
 #include "lent_bytes.h"
 
 namespace nb = nanobind;
@@ -37,7 +38,7 @@ void bind(nb::module_& m, const char* name) {
             [](Images& self, const LentBytes& pixels, const LentRoom& changed) {
                 if (pixels.nbytes() != self.bytes || changed.nbytes() != self.bit_bytes())
                     throw std::invalid_argument("image and bits must be those of the size");
-                nb::gil_scoped_release release;
+                const Unlocked unlocked;
                 return self.tiles.note(reinterpret_cast<const float*>(bytes_of(pixels)), changed.data());
             },
             "pixels"_a, "changed"_a)
@@ -45,7 +46,7 @@ void bind(nb::module_& m, const char* name) {
             "planes",
             [](const Images& self, const LentBytes& changed, std::size_t count, const LentRoom& target) {
                 self.check_planes(changed.nbytes(), count, target.nbytes());
-                nb::gil_scoped_release release;
+                const Unlocked unlocked;
                 self.tiles.planes(bytes_of(changed), count, target.data());
             },
             "changed"_a, "count"_a, "target"_a)
@@ -53,7 +54,7 @@ void bind(nb::module_& m, const char* name) {
             "take",
             [](Images& self, const LentBytes& changed, std::size_t count, const LentBytes& planes) {
                 self.check_planes(changed.nbytes(), count, planes.nbytes());
-                nb::gil_scoped_release release;
+                const Unlocked unlocked;
                 self.tiles.take(bytes_of(changed), count, bytes_of(planes));
             },
             "changed"_a, "count"_a, "planes"_a)
@@ -61,7 +62,7 @@ void bind(nb::module_& m, const char* name) {
             "lay_out",
             [](const Images& self, const LentRoom& pixels) {
                 if (pixels.nbytes() != self.bytes) throw std::invalid_argument("the image must have the size");
-                nb::gil_scoped_release release;
+                const Unlocked unlocked;
                 self.tiles.lay_out(reinterpret_cast<float*>(pixels.data()));
             },
             "pixels"_a);

@@ -6,6 +6,7 @@
 
 #include "bench/kernels/paths/bare_loops.h"
 #include "kernels/bind_module.h"
+#include "kernels/interpreter_lock.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -34,7 +35,7 @@ public:
     }
 
     void run() const {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         bare_loops().splat(image_.data(), static_cast<std::int64_t>(image_.shape(1)), corners_.data(),
                            static_cast<std::int64_t>(corners_.shape(0)), side(), weights_.data(), sample_.data());
     }
@@ -53,7 +54,7 @@ std::int64_t bare_shade(Array<const std::uint32_t, -1> packets, Array<const std:
                         Array<const float, 32768> light, Array<std::uint64_t, -1> shaded) {
     if (shaded.shape(0) < packets.shape(0)) throw std::invalid_argument("no room for all packets, shaded");
     const BareTables tables{opacity.data(), emit.data(), refl.data(), light.data()};
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     return bare_loops().shade(packets.data(), static_cast<std::int64_t>(packets.shape(0)), tables, shaded.data());
 }
 

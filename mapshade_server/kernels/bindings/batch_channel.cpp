@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "kernels/interpreter_lock.h"
 #include "mapshade_server/kernels/batches/batch_channel.h"
 #include "walker.h"
 
@@ -13,7 +14,7 @@ using namespace nb::literals;
 namespace volsplat {
 
 void bind_batch_channel(nb::module_& m) {
-    typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
+    typedef nb::call_guard<Unlocked> WithoutLock;
     nb::class_<ChannelMemory>(m, "ChannelMemory")
         .def(
             "__init__",
@@ -37,7 +38,7 @@ void bind_batch_channel(nb::module_& m) {
         .def(
             "send",
             [](BatchChannel& channel, double seconds) { return channel.send(seconds) == BatchChannel::Sent::all; },
-            "seconds"_a, Unlocked())
+            "seconds"_a, WithoutLock())
         .def("close", &BatchChannel::close);
 }
 

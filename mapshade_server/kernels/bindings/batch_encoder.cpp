@@ -10,6 +10,7 @@
 #include <tuple>
 #include <vector>
 
+#include "kernels/interpreter_lock.h"
 #include "kernels/lent_bytes.h"
 #include "mapshade_server/kernels/batch_encoder.h"
 
@@ -37,7 +38,7 @@ nb::object encode(const nb::object& self, const std::vector<std::tuple<LentBytes
     for (const auto& part : parts) raw.push_back(part_of(part));
     BatchEncoder::Code code;
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         code = encoder.encode(raw);
     }
     const nb::object array = nb::cast(nb::ndarray<nb::array_api, const std::uint8_t>(code.bytes, {code.count}, self));

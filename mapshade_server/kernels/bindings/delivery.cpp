@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "kernels/interpreter_lock.h"
 #include "mapshade_server/kernels/delivery/channel_outlet.h"
 #include "mapshade_server/kernels/delivery/crew.h"
 #include "mapshade_server/kernels/delivery/delivery.h"
@@ -35,18 +36,18 @@ class PythonOutlet : public Outlet {
 public:
     explicit PythonOutlet(nb::object outlet) : outlet_(std::move(outlet)) {}
     ~PythonOutlet() override {
-        const nb::gil_scoped_acquire locked;
+        const Locked locked;
         outlet_.reset();
     }
 
     std::size_t most_packets() override {
-        const nb::gil_scoped_acquire locked;
+        const Locked locked;
         const double most = nb::cast<double>(outlet_.attr("most_packets")());
         return most < 1e18 ? static_cast<std::size_t>(std::max(most, 1.0)) : Outlet::most_packets();
     }
 
     bool send(const std::shared_ptr<Batch>& batch) override {
-        const nb::gil_scoped_acquire locked;
+        const Locked locked;
         return nb::cast<bool>(outlet_.attr("send")(PythonBatch{batch}));
     }
 
@@ -158,9 +159,9 @@ void bind_delivery(nb::module_& m) {
         .def(
             "run",
             [](PythonDelivery& python, Crew& crew, const nb::callable& on_failure) {
-                const nb::gil_scoped_release unlocked;
+                const Unlocked unlocked;
                 python.delivery.run(crew, [&] {
-                    const nb::gil_scoped_acquire locked;
+                    const Locked locked;
                     on_failure();
                 });
             },

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "arrays.h"
+#include "kernels/interpreter_lock.h"
 #include "kernels/tables/patch_table.h"
 #include "mapshade_server/kernels/level_columns.h"
 #include "mapshade_server/kernels/reflected_light.h"
@@ -84,7 +85,7 @@ nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis,
     const ColumnView view{rows.data(), rows.shape(0) / depth, depth, axis, from_high, layers, places};
     SeenOfLevels seen;
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         seen = seen_in_columns(view, looks_of(finer), looks_of(coarser));
     }
     return nb::make_tuple(python_seen(std::move(seen.finer)), python_seen(std::move(seen.coarser)));
@@ -124,7 +125,7 @@ void bind_mixtures(nb::module_& m) {
                 new (self) MixtureEntries(entries_of(keys, counts, left_open));
             },
             "keys"_a, "counts"_a, "left_open"_a)
-        .def("add", &MixtureEntries::add, "other"_a, nb::call_guard<nb::gil_scoped_release>())
+        .def("add", &MixtureEntries::add, "other"_a, nb::call_guard<Unlocked>())
         .def_prop_ro("keys", [](const MixtureEntries& mixture) { return copied(mixture.keys); })
         .def_prop_ro("counts", [](const MixtureEntries& mixture) { return copied(mixture.counts); })
         .def_ro("left_open", &MixtureEntries::left_open)
@@ -139,7 +140,7 @@ void bind_mixtures(nb::module_& m) {
         "mixture_of",
         [](const Packets& finer, const Packets& coarser) {
             const PacketView voxels = view_of(finer), means = view_of(coarser);
-            nb::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             return mixture_of(voxels, means);
         },
         "finer"_a, "coarser"_a);

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "arrays.h"
+#include "kernels/interpreter_lock.h"
 #include "kernels/large_memory.h"
 #include "mapshade_server/kernels/shading_tables.h"
 #include "mapshade_server/kernels/voxel_packets.h"
@@ -58,7 +59,7 @@ nb::tuple python_survey(const SourceArray& source, const Index3& low, const Inde
     const Interior interior = interior_of(volume, low, size);
     RowExtremes extremes;
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         extremes = survey(volume, interior, matrix);
     }
     return nb::make_tuple(extremes.low, extremes.high, extremes.max_gradient, extremes.no_data);
@@ -74,7 +75,7 @@ nb::tuple python_histograms(const SourceArray& source, const Index3& low, const 
     const Blocks blocks = blocks_of(begin, block_size, block_count, size);
     Histograms counts;
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         counts = histograms(volume, interior, matrix, other ? &*other : nullptr, {density.first, density.second},
                             {strength.first, strength.second}, blocks);
     }
@@ -98,7 +99,7 @@ nb::object python_pack(const SourceArray& source, const Index3& low, const Index
     const std::optional<SourceVolume> other = second_of(second, size);
     const PacketMemory memory = packet_memory(size);
     {
-        nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         pack(volume, interior, matrix, other ? &*other : nullptr,
              {window_low, density_scale, strength_low, strength_scale, octahedral}, memory.packets);
     }

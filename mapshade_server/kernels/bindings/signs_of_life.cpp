@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "kernels/interpreter_lock.h"
 #include "mapshade_server/kernels/signs_of_life.h"
 
 namespace nb = nanobind;
@@ -25,7 +26,7 @@ void begin(SignsOfLife* made, int socket, nb::list signs, double seconds) {
 nb::bytes take_back(SignsOfLife& signs) {
     std::string rest;
     {
-        const nb::gil_scoped_release release;
+        const Unlocked unlocked;
         rest = signs.take_back();
     }
     return nb::bytes(rest.data(), rest.size());

@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "kernels/interpreter_lock.h"
 #include "walk_arguments.h"
 
 namespace nb = nanobind;
@@ -42,7 +43,7 @@ nb::list parts(const PythonBatch& python) {
 }  // namespace
 
 void bind_walker(nb::module_& m) {
-    typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
+    typedef nb::call_guard<Unlocked> WithoutLock;
     nb::class_<PythonBatch>(m, "Batch")
         .def_prop_ro("parts", &parts)
         .def_prop_ro("reached",
@@ -53,7 +54,7 @@ void bind_walker(nb::module_& m) {
         .def_prop_ro("voxels_visited", [](const PythonBatch& python) { return python.batch->voxels_visited; })
         .def_prop_ro("packet_count", [](const PythonBatch& python) { return python.batch->packet_count(); });
     nb::class_<BatchWalker>(m, "Walker")
-        .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a, Unlocked())
+        .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a, WithoutLock())
         .def_prop_ro("source", [](BatchWalker& walker) {
             return nb::capsule(static_cast<BatchSource*>(&walker), kBatchSourceCapsule);
         });

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "kernels/batch_code.h"
+#include "kernels/interpreter_lock.h"
 #include "kernels/lent_bytes.h"
 #include "splat_server/kernels/batch_decoder.h"
 
@@ -39,7 +40,7 @@ void decode(const LentBytes& code, const std::vector<std::tuple<std::size_t, std
         auto* const first_run = reinterpret_cast<RowRun*>(take(runs, sizeof(RowRun)));
         parts.push_back({first_run, runs, reinterpret_cast<std::uint64_t*>(take(packets, kPacketBytes)), packets});
     }
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     decode_batch(bytes_of(code), code.nbytes(), parts);
 }
 

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "batch_taker.h"
+#include "kernels/interpreter_lock.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -17,7 +18,7 @@ namespace volsplat {
 namespace {
 
 std::vector<TakenSpan> unlocked_spans(BatchTaker& taker) {
-    const nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     return taker.spans();
 }
 
@@ -34,7 +35,7 @@ std::vector<std::tuple<int, double, double>> spans(BatchTaker& taker) {
 }  // namespace
 
 void bind_batch_taker(nb::module_& m) {
-    typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
+    typedef nb::call_guard<Unlocked> WithoutLock;
     nb::class_<BatchTaker>(m, "BatchTaker")
         .def(
             "__init__",
@@ -51,11 +52,11 @@ void bind_batch_taker(nb::module_& m) {
             },
             "walkers"_a, "blocks"_a, "block_bytes"_a)
         .def("begin", &BatchTaker::begin, "frame"_a, "into"_a.none(), "first_source"_a, "walkers"_a, "traced"_a,
-             Unlocked())
-        .def("drain", &BatchTaker::drain, Unlocked())
-        .def("close", &BatchTaker::close, Unlocked())
+             WithoutLock())
+        .def("drain", &BatchTaker::drain, WithoutLock())
+        .def("close", &BatchTaker::close, WithoutLock())
         .def("take_news", &BatchTaker::take_news)
-        .def_prop_ro("fault", &BatchTaker::fault, Unlocked())
+        .def_prop_ro("fault", &BatchTaker::fault, WithoutLock())
         .def_prop_ro("newest_frame", &BatchTaker::newest_frame)
         .def_prop_ro("bytes", &BatchTaker::bytes)
         .def_prop_ro("spans", &spans);

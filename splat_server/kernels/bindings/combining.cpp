@@ -8,6 +8,7 @@
 #include <array>
 #include <stdexcept>
 
+#include "kernels/interpreter_lock.h"
 #include "splat_server/kernels/edge_layer.h"
 #include "splat_server/kernels/footprint_table.h"
 
@@ -51,7 +52,7 @@ void bind_combining(nb::module_& m) {
             "amplitude"_a, "qxx"_a, "qxy"_a, "qyy"_a, "half_width"_a, "half_height"_a);
     nb::class_<FootprintTable>(m, "FootprintTable")
         .def(nb::init<const KernelProjection&, const Ellipse&, int, int>(), "projection"_a, "ellipse"_a,
-             "offset_bits"_a, "threads"_a = 1, nb::call_guard<nb::gil_scoped_release>())
+             "offset_bits"_a, "threads"_a = 1, nb::call_guard<Unlocked>())
         .def_static("bytes_needed", &FootprintTable::bytes_needed, "ellipse"_a, "offset_bits"_a)
         .def(
             "weights_at", [](const FootprintTable& self, int fx, int fy) { return self.weights_at(fx, fy); }, "fx"_a,

@@ -16,6 +16,7 @@
 #include <tuple>
 #include <utility>
 
+#include "kernels/interpreter_lock.h"
 #include "kernels/lent_bytes.h"
 #include "let_go.h"
 #include "owners.h"
@@ -130,7 +131,7 @@ std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<in
     if (edges) task.layers = {&nb::cast<const EdgeLayer&>(edges->first), &nb::cast<const EdgeLayer&>(edges->second)};
     task.keeps = LetGo::later(std::make_tuple(std::move(reach), std::move(edges), std::move(walks)));
     PixelMemory published = block ? memory_of(std::move(*block)) : PixelMemory{};
-    const nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     return owners.begin(std::move(task), std::move(published), std::move(news), std::move(all_wait));
 }
 
@@ -155,7 +156,7 @@ nb::object published(Owners& owners, SplatFrame& frame) {
     if (frame.complete()) return block_view(frame.pixels(), rectangle);
     const std::shared_ptr<float[]> block = owners.free_block(rectangle);
     {
-        const nb::gil_scoped_release unlocked;
+        const Unlocked unlocked;
         frame.show({block.get(), rectangle});
     }
     return block_view(block, rectangle);
@@ -165,7 +166,7 @@ void show(SplatFrame& frame, const LentRoom& target) {
     const Rectangle& rectangle = frame.block().rectangle;
     if (target.size() != rectangle.floats() * sizeof(float))
         throw std::invalid_argument("the memory to show in has another size than the regions");
-    const nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     frame.show({floats_of(target), rectangle});
 }
 
@@ -217,12 +218,12 @@ std::tuple<int, int, int, int> rectangle(const SplatFrame& frame) {
 }  // namespace
 
 void bind_owners(nb::module_& m) {
-    typedef nb::call_guard<nb::gil_scoped_release> Unlocked;
+    typedef nb::call_guard<Unlocked> WithoutLock;
     nb::class_<Bell>(m, "Bell")
         .def(nb::init<>())
         .def("ring", &Bell::ring)
         .def_prop_ro("rung", &Bell::rung)
-        .def("wait", nb::overload_cast<std::uint64_t, double>(&Bell::wait), "heard"_a, "seconds"_a, Unlocked());
+        .def("wait", nb::overload_cast<std::uint64_t, double>(&Bell::wait), "heard"_a, "seconds"_a, WithoutLock());
     nb::class_<ReadBudget>(m, "ReadBudget")
         .def(
             "__init__",
@@ -256,7 +257,7 @@ void bind_owners(nb::module_& m) {
         .def_ro("packets", &Walked::packets)
         .def_ro("bytes", &Walked::bytes);
     nb::class_<SplatFrame>(m, "SplatFrame")
-        .def("push", &push, "source"_a, "batch"_a, "reached_sheet"_a, "reached_row"_a, "last"_a, Unlocked())
+        .def("push", &push, "source"_a, "batch"_a, "reached_sheet"_a, "reached_row"_a, "last"_a, WithoutLock())
         .def("finish", &SplatFrame::finish, "source"_a)
         .def("finished", &SplatFrame::finished, "source"_a)
         .def_prop_ro("complete", &complete)
@@ -272,7 +273,7 @@ void bind_owners(nb::module_& m) {
         .def_prop_ro("walked", &SplatFrame::walked);
     nb::class_<Owners>(m, "Owners")
         .def(nb::init<int>(), "threads"_a)
-        .def("clear", &Owners::clear, "width"_a, "height"_a, "turned"_a, Unlocked())
+        .def("clear", &Owners::clear, "width"_a, "height"_a, "turned"_a, WithoutLock())
         .def_prop_ro("threads", &Owners::threads)
         .def_prop_ro("image_size", &image_size)
         .def_prop_ro("closed_tiles", &closed_tiles)
@@ -281,8 +282,8 @@ void bind_owners(nb::module_& m) {
              "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "block"_a.none() = nb::none(), "news"_a,
              "all_wait"_a)
         .def("published", &published, "frame"_a)
-        .def("cancel", &Owners::cancel, Unlocked())
-        .def("close", &Owners::close, Unlocked());
+        .def("cancel", &Owners::cancel, WithoutLock())
+        .def("close", &Owners::close, WithoutLock());
 }
 
 }  // namespace volsplat

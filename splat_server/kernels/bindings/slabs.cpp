@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "kernels/interpreter_lock.h"
 #include "splat_server/kernels/passed_light.h"
 
 namespace nb = nanobind;
@@ -113,7 +114,7 @@ void bind_slabs(nb::module_& m) {
                const Vector3& half_extents, int offset_bits,
                bool wide) { new (self) SlabTable(kernel, {amplitude, form, half_extents}, offset_bits, wide); },
             "kernel"_a, "amplitude"_a, "form"_a, "half_extents"_a, "offset_bits"_a, "wide"_a,
-            nb::call_guard<nb::gil_scoped_release>())
+            nb::call_guard<Unlocked>())
         .def_prop_ro("pixel_bytes", &SlabTable::pixel_bytes)
         .def_prop_ro("width", &SlabTable::width)
         .def_prop_ro("height", &SlabTable::height);
@@ -145,7 +146,7 @@ void bind_slabs(nb::module_& m) {
                 std::vector<LightStep> all;
                 for (const auto& [step, length] : steps) all.push_back({step, length});
                 const std::vector<std::uint16_t> of_blocks = depths_of(depths);
-                const nb::gil_scoped_release unlocked;
+                const Unlocked unlocked;
                 new (self) PassedLight(of_blocks, unit, dims, all);
             },
             "depths"_a, "unit"_a, "dims"_a, "steps"_a)
