@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Self, get_args
 
 import click
 
@@ -24,6 +24,7 @@ from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_movie_writable, movie_files
+from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.text.errors import BadInput
@@ -68,16 +69,7 @@ from volsplat.protocol.text.errors import BadInput
 @server_options
 @memory_option
 @single_option
-def movie(
-    volume: str,
-    output: Path,
-    frames: int,
-    rate: int,
-    axis: TurningAxis | None,
-    keys: tuple[Path, ...],
-    step: str,
-    **settings: Any,
-) -> None:
+def movie(volume: str, output: Path, rate: int, step: str, **settings: Any) -> None:
     """Turn VOLUME once around, or move through key scenes, into a movie.
 
     VOLUME is a file or folder in any of the formats of docs/reference/formats.md; what follows a # names a part of it,
@@ -85,47 +77,44 @@ def movie(
     is taken from that scene, and the other options hold for every key. A turn can be looped. The movie
     appears under its name when it is complete.
     """
-    figure = figure_of(settings)
-    motion = Motion(SceneOptions.of(settings), figure, frames, keys, axis)
-    motion.check()
+    motion = Motion.of(settings)
     servers = Servers.of(settings)
     servers.check_sees(volume)
-    check_written_apart(volume, *movie_files(output, frames), records=[servers.trace])
-    check_output(output, figure)
+    check_written_apart(volume, *movie_files(output, motion.frames), records=[servers.trace])
+    check_output(output, motion.figure)
     console = SideConsole()
     began = time.perf_counter()
-    with shown_progress(frames, console) as (say, done):
+    with shown_progress(motion.frames, console) as (say, done):
         with opened_quietly(volume, servers, say, console) as renderer:
-            with interrupts_held():  # imported when every server works
-                from volsplat.client.figure.frame_figure import FrameFigure
-                from volsplat.client.movie.movie import write_movie
+            width, height = draw(renderer, motion, Step(step), output, rate, done)
             known = renderer.volume
-            scenes = motion.scenes_of(known)
-            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
-            width, height = FrameFigure(figure or BARE, scenes, known).extent
     seconds = time.perf_counter() - began
     motion.options.tell_unsuited(known, console)
-    console.say(f"{output}: {frames} images of {width}x{height}, {seconds:.1f} s")
+    console.say(f"{output}: {motion.frames} images of {width}x{height}, {seconds:.1f} s")
 
 
 @dataclass(frozen=True)
 class Motion:
     """What moves in a movie: one scene once around, or from key to key."""
 
-    options: SceneOptions
     figure: Figure | None
+    options: SceneOptions
     frames: int
     keys: Sequence[Path]
     axis: TurningAxis | None
 
-    def check(self) -> None:
-        """Raise BadInput before anything is started if there are no such scenes."""
-        if self.keys and self.axis is not None:
+    @classmethod
+    def of(cls, given: dict[str, Any]) -> Self:
+        """What a command was given; `figure_of` takes its part out of that. Raises BadInput."""
+        figure = figure_of(given)
+        motion = cls(figure, SceneOptions.of(given), given["frames"], given["keys"], given["axis"])
+        if motion.keys and motion.axis is not None:
             raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
-        if self.keys:
-            check_key_count(len(self.keys), self.frames)
-        self.options.key_scenes(None, self.keys)
-        self.options.scene_of(None)
+        if motion.keys:
+            check_key_count(len(motion.keys), motion.frames)
+        motion.options.key_scenes(None, motion.keys)
+        motion.options.scene_of(None)
+        return motion
 
     def scenes_of(self, known: SurveyedVolume) -> list[Scene]:
         """One for each frame. Raises BadInput."""
@@ -140,6 +129,18 @@ class Motion:
         from volsplat.client.figure.layout import sized  # when every server works
 
         return known.settled(scene if self.figure is None else sized(self.figure, scene, known))
+
+
+def draw(
+    renderer: Renderer, motion: Motion, step: Step, output: Path, rate: int, done: Callable[[int], None]
+) -> tuple[int, int]:
+    """Draw and write every frame; gives their width and height in pixels."""
+    with interrupts_held():  # imported when every server works
+        from volsplat.client.figure.frame_figure import FrameFigure
+        from volsplat.client.movie.movie import write_movie
+    scenes = motion.scenes_of(renderer.volume)
+    write_movie(renderer, scenes, output, rate, done, lambda: False, step, motion.figure)
+    return FrameFigure(motion.figure or BARE, scenes, renderer.volume).extent
 
 
 def check_output(output: Path, figure: Figure | None) -> None:
