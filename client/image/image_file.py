@@ -41,6 +41,7 @@ _LONGEST_COMPLAINT = 200  # characters of what a library says
 _TRIAL_BYTES = 1 << 20
 _ENDS = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}  # of files; others have an index
 _CUT_OFF = "its end is missing"
+_LONGEST_UNPACKED = 1 << 24  # bytes of a text in a picture, which may come from anybody
 _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
 
 
@@ -192,13 +193,22 @@ def _from_description(text: str) -> dict[str, str]:
     """The properties in a JPEG's or TIFF's text; none if another program wrote it."""
     try:
         if text.startswith(_PACKED):
-            text = zlib.decompress(base64.b64decode(text.removeprefix(_PACKED))).decode()
+            text = _unpacked(text.removeprefix(_PACKED))
         found = json.loads(text)
     except (ValueError, RecursionError, zlib.error):
         return {}
     if not isinstance(found, dict):
         return {}
     return {name.removeprefix(_PREFIX): str(value) for name, value in found.items() if name.startswith(_PREFIX)}
+
+
+def _unpacked(text: str) -> str:
+    """Raises ValueError and zlib.error for what this module did not pack, as for what is too long."""
+    stream = zlib.decompressobj()
+    unpacked = stream.decompress(base64.b64decode(text), _LONGEST_UNPACKED)
+    if not stream.eof:
+        raise ValueError("it is truncated, or too long")
+    return unpacked.decode()
 
 
 def _opened(path: Path) -> "oiio.ImageInput":

@@ -1,7 +1,9 @@
 """Image files: exact pixels, the scene inside, equal bytes for equal images, and never half a file."""
 
+import base64
 import os
 import resource
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -236,6 +238,18 @@ def test_a_foreign_description_is_no_scene(tmp_path_factory: pytest.TempPathFact
     assert buffer.write(str(path))
     with pytest.raises(BadInput, match="holds no scene"):
         read_scene(path)
+
+
+@pytest.mark.parametrize(("blanks", "found"), [(1 << 20, {"scene": "any"}), (1 << 26, {})])
+def test_a_packed_description_is_unpacked_so_far_and_no_further(
+    tmp_path: Path, blanks: int, found: dict[str, str]
+) -> None:
+    """A picture may come from anybody, and a few kilobytes may unpack to gigabytes."""
+    packed = zlib.compress(b'{"volsplat:scene": "any"}' + b" " * blanks)
+    buffer = oiio.ImageBuf(oiio.ImageSpec(2, 2, 3, "uint8"))
+    buffer.specmod().attribute("ImageDescription", "zlib,base64:" + base64.b64encode(packed).decode())
+    assert buffer.write(str(tmp_path / "image.tif"))
+    assert read_properties(tmp_path / "image.tif") == found
 
 
 def test_a_damaged_scene_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import lzma
 import struct
 import subprocess
 import sys
+import zipfile
 import zlib
 from collections.abc import Callable
 from functools import cache
@@ -24,8 +25,10 @@ from astropy.io import fits
 from zarr.codecs import GzipCodec, ZstdCodec
 
 from support.checkout import ROOT
+from support.files.opened import described
 from support.patience import PATIENCE
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import WINDOW, Damaged, TooMuch, inflated
 from volsplat.mapshade_server.readers.reading.codestream_size import codestream_size
 from volsplat.protocol.text.errors import BadInput
 
@@ -64,6 +67,10 @@ def zstandard_of_unknown_size() -> bytes:
     return b"\x28\xb5\x2f\xfd\x00\x58" + b"".join(runs) + (1 << 3 | 3).to_bytes(3, "little") + b"\0"
 
 
+def zstandard_of_two_frames() -> bytes:
+    return bytes(numcodecs.Zstd().encode(bytes(8**3))) + zstandard_of_unknown_size()
+
+
 def zarr_with(codec: Any, packed: Callable[[], bytes], version: Literal[2, 3] = 3) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         path = folder / "v.zarr"
@@ -85,6 +92,50 @@ def hdf5(folder: Path, shuffle: bool, checked: bool) -> Path:
         )
         made[...] = VALUES
         made.id.write_direct_chunk((0, 0, 0), deflated(15) + bytes(4 * checked))
+    return path
+
+
+def deflated_first(folder: Path, then: Callable[[Any], object], packed: bytes) -> Path:
+    """HDF5 whose filters stand in another order than h5py's: what `then` sets comes after deflation."""
+    path = folder / "v.h5"
+    with h5py.File(path, "w") as file:
+        creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        creation.set_chunk((8, 8, 8))
+        creation.set_deflate(9)
+        then(creation)
+        space = h5py.h5s.create_simple((16, 16, 16))
+        made = h5py.h5d.create(file.id, b"v", h5py.h5t.NATIVE_UINT8, space, creation)
+        h5py.Dataset(made)[...] = VALUES
+        made.write_direct_chunk((0, 0, 0), packed)
+    return path
+
+
+def hdf5_scale(folder: Path) -> Path:
+    path = folder / "v.h5"
+    with h5py.File(path, "w") as file:
+        made = file.create_dataset("v", data=VALUES)
+        x = file.create_dataset("x", (16,), np.float32, chunks=(16,), compression="gzip")
+        x.id.write_direct_chunk((0,), deflated(15))
+        x.make_scale("x")
+        made.dims[2].attach_scale(x)
+    return path
+
+
+def zarr_coordinates(folder: Path) -> Path:
+    path = folder / "v.zarr"
+    group = zarr.create_group(path)
+    group.create_array("v", data=VALUES, dimension_names=("z", "y", "x"))
+    group.create_array("x", data=np.arange(16.0), dimension_names=("x",), compressors=GzipCodec())
+    (path / "x/c/0").write_bytes(deflated(31))
+    return path
+
+
+def npz_header(folder: Path) -> Path:
+    path = folder / "v.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("v.npy", "w") as file:
+        file.write(b"\x93NUMPY\x02\x00" + struct.pack("<I", BOMB_BYTES))
+        for _ in range(BOMB_BYTES >> 22):
+            file.write(b" " * (1 << 22))
     return path
 
 
@@ -172,6 +223,8 @@ def raw_gzip(folder: Path) -> Path:
 BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "Zarr, zstd": (zarr_with(ZstdCodec(), zstandard), "unpacks to more than"),
     "Zarr, zstd of unknown size": (zarr_with(ZstdCodec(), zstandard_of_unknown_size), "unpacks to more than"),
+    "Zarr, zstd of two frames": (zarr_with(ZstdCodec(), zstandard_of_two_frames), "unpacks to more than"),
+    "Zarr, coordinates": (zarr_coordinates, "unpacks to more than"),
     "Zarr, gzip": (zarr_with(GzipCodec(), lambda: deflated(31)), "unpacks to more than"),
     "Zarr 2, zstd": (zarr_with(numcodecs.Zstd(), zstandard, 2), "unpacks to more than"),
     "Zarr 2, zlib": (zarr_with(numcodecs.Zlib(), lambda: deflated(15), 2), "unpacks to more than"),
@@ -191,11 +244,25 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "HDF5": (lambda folder: hdf5(folder, False, False), "unpacks to more than"),
     "HDF5, shuffled": (lambda folder: hdf5(folder, True, False), "unpacks to more than"),
     "HDF5, with checksums": (lambda folder: hdf5(folder, True, True), "unpacks to more than"),
+    "HDF5, shuffled once deflated": (
+        lambda folder: deflated_first(folder, lambda one: one.set_shuffle(), deflated(15)),
+        "unpacks to more than",
+    ),
+    "HDF5, deflated twice": (
+        lambda folder: deflated_first(folder, lambda one: one.set_deflate(9), zlib.compress(deflated(15))),
+        "unpacks to more than",
+    ),
+    "HDF5, packed once deflated": (
+        lambda folder: deflated_first(folder, lambda one: one.set_filter(h5py.h5z.FILTER_LZF), deflated(15)),
+        "then packed by filter 32000, so that nothing bounds it",
+    ),
+    "HDF5, coordinates": (hdf5_scale, "unpacks to more than"),
     "HDF5, chunks beyond the whole": (hdf5_of_great_chunks, "is stored in chunks of 536870912 bytes"),
     "TIFF, deflated": (lambda folder: tiff(folder, deflated(15), "zlib"), "unpacks to more than"),
     "TIFF, LZMA": (lambda folder: tiff(folder, by_lzma(), "lzma"), "unpacks to more"),
     "TIFF, tiles beyond the page": (tiff_of_great_tiles, "is stored in chunks of 3600000000 bytes"),
     "FITS, a tile": (fits_tile, "unpacks to more than"),
+    "NumPy, a header": (npz_header, "its NumPy header cannot be read"),
     "PDB": (text, "bytes of text unpacked"),
     "raw voxels": (raw_gzip, "but the file has more unpacked"),
 }
@@ -244,6 +311,49 @@ def test_streams_that_hold_more_than_is_wanted_are_read_so_far(tmp_path: Path) -
         volumes.append(nrrd(tmp_path / encoding, encoding, each))
     lines, more = outcomes(volumes)
     assert lines == ["read", "read"] and more < MOST_MORE
+
+
+def test_coordinates_that_nobody_wrote_take_no_memory(tmp_path: Path) -> None:
+    """A few bytes may promise any number of them."""
+    count = 1 << 24
+    with h5py.File(tmp_path / "v.h5", "w") as file:
+        made = file.create_dataset("v", (1, 1, count), np.uint8, chunks=(1, 1, 1024))
+        made[0, 0, :4] = 1
+        x = file.create_dataset("x", (count,), np.float64, chunks=(1024,))
+        x.make_scale("x")
+        made.dims[2].attach_scale(x)
+    group = zarr.create_group(tmp_path / "v.zarr")
+    array = group.create_array(
+        "v", shape=(1, 1, count), chunks=(1, 1, count >> 4), dtype="u1", dimension_names=("z", "y", "x")
+    )
+    array[0, 0, :4] = 1
+    group.create_array("x", shape=(count,), chunks=(count >> 4,), dtype="f8", dimension_names=("x",))
+    volumes = [tmp_path / "v.h5", tmp_path / "v.zarr"]
+    lines, more = outcomes(volumes)
+    assert lines == ["read", "read"] and more < MOST_MORE
+    for volume in volumes:
+        (warning,) = described(volume).warnings
+        assert "x has more than" in warning
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize("padding", [0, 1, WINDOW, 2 * WINDOW + 1])
+@pytest.mark.parametrize("compress", [gzip.compress, zlib.compress])
+def test_streams_after_each_other_unpack_as_one(compress: Callable[[bytes], bytes], padding: int, count: int) -> None:
+    part = np.random.default_rng(0).integers(0, 99, WINDOW * 2 - 7, np.uint8).tobytes()
+    packed = b"".join(compress(each) + bytes(padding) for each in [part, b""] * count)
+    assert inflated(packed, len(part) * count) == part * count
+    with pytest.raises(TooMuch):
+        inflated(packed, len(part) * count - 1)
+    with pytest.raises(Damaged):
+        inflated(packed + b"no stream", len(part) * count)
+    with pytest.raises(Damaged, match="truncated"):
+        inflated(packed[: -padding - 3], len(part) * count)
+
+
+def test_many_empty_streams_take_no_longer_than_their_bytes() -> None:
+    """What follows a stream is not copied for each of them."""
+    assert inflated(gzip.compress(b"") * 200_000, 100) == b""
 
 
 def test_codecs_that_run_programs_are_not_used(tmp_path: Path) -> None:

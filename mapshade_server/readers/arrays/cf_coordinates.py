@@ -1,6 +1,7 @@
 """Coordinate variables of the CF conventions (cfconventions.org, chapters 4 and 5): what indices stand for."""
 
 import re
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, text_attribute
 from volsplat.mapshade_server.readers.reading.grids import unevenness
+
+MOST_COORDINATES = 1 << 22  # of an axis, that are read: a small file may promise any number of them
 
 _ALONG = {
     "x": "x lon longitude easting projection_x_coordinate grid_longitude degrees_east",
@@ -27,11 +30,18 @@ class Coordinates(NamedTuple):
     warning: str = ""
 
 
-def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attributes: Attributes) -> Coordinates:
-    """The axis `name` of an array; `numbers` are None if the file has no coordinates for it, only a name."""
+def coordinates_of(
+    length: int, name: str, read: Callable[[], NDArray[Any]] | None, attributes: Attributes
+) -> Coordinates:
+    """The axis `name` of an array, whose coordinates are to be `read`; None if the file has only a name for it."""
     vertical = _is_vertical(name, attributes)
     axis = ArrayAxis(length, name, along=_along(name, attributes), vertical=vertical)
-    if numbers is None or numbers.shape != (length,) or numbers.dtype.kind not in "iuf":
+    if read is None:
+        return Coordinates(axis)
+    if length > MOST_COORDINATES:
+        return Coordinates(axis, f"{name} has more than {MOST_COORDINATES} coordinates; its voxels are drawn one apart")
+    numbers = read()
+    if numbers.shape != (length,) or numbers.dtype.kind not in "iuf":
         return Coordinates(axis)
     unusable = Coordinates(axis, f"the coordinates of {name} are not usable; its voxels are drawn one apart")
     if not np.isfinite(numbers).all():

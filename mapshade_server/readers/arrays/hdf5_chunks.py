@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,30 +17,46 @@ from volsplat.mapshade_server.readers.reading.bounded_unpacking import inflated
 
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # HDF5's numbers of filters
 CHECKSUM_BYTES = 4
-SLACK = 1 << 16  # bytes that filters before deflation may add
+SLACK = 1 << 16  # bytes that filters before deflation may add, beside a thousandth
 
 Selection = Sequence[int | slice]
+
+
+class _Filter(NamedTuple):
+    """One of those that a chunk went through, the first of them first."""
+
+    number: int
+    item_bytes: int  # of what is shuffled, 0 for others
 
 
 def read_selection(dataset: Any, selection: Selection) -> NDArray[Any]:
     """What the selection has of the dataset, as h5py reads it. Raises ValueError for too much, and what h5py raises."""
     filters = _filters(dataset)
-    if DEFLATE not in filters or not dataset.chunks:
+    numbers = [one.number for one in filters]
+    if DEFLATE not in numbers or not dataset.chunks:
         values: NDArray[Any] = dataset[tuple(selection)]
         return values
-    most = math.prod(dataset.chunks) * dataset.dtype.itemsize + SLACK
-    if filters in ([DEFLATE], [SHUFFLE, DEFLATE]) and _is_stored_plainly(dataset):
+    deflated = numbers.index(DEFLATE)
+    if unknown := set(numbers[deflated:]) - {DEFLATE, SHUFFLE, FLETCHER32}:
+        raise ValueError(
+            f"it is deflated and then packed by filter {min(unknown)}, so that nothing bounds it; use h5repack"
+        )
+    whole = math.prod(dataset.chunks) * dataset.id.get_type().get_size()
+    most = whole + (whole >> 10) + SLACK
+    if {*numbers} <= {DEFLATE, SHUFFLE} and _is_stored_plainly(dataset):
         return _unpacked(dataset, selection, filters, most)
     chunks = _PackedChunks(dataset)
     for offsets in _touched(dataset, selection):  # to be unpacked once more by HDF5, through all of its filters
-        _check(chunks.at(offsets), filters, most)
+        if (found := chunks.at(offsets)) is not None:
+            _through(*found, filters, deflated, most)
     checked: NDArray[Any] = dataset[tuple(selection)]
     return checked
 
 
-def _filters(dataset: Any) -> list[int]:
+def _filters(dataset: Any) -> list[_Filter]:
     creation = dataset.id.get_create_plist()
-    return [creation.get_filter(n)[0] for n in range(creation.get_nfilters())]
+    told = [creation.get_filter(n) for n in range(creation.get_nfilters())]
+    return [_Filter(number, values[0] if number == SHUFFLE and values else 0) for number, _, values, _ in told]
 
 
 def _is_stored_plainly(dataset: Any) -> bool:
@@ -89,16 +105,7 @@ class _PackedChunks:
         return frozenset(found)
 
 
-def _check(found: tuple[int, bytes] | None, filters: list[int], most: int) -> None:
-    """Raises ValueError if the chunk would become too much."""
-    place = filters.index(DEFLATE)
-    if found is not None and not found[0] >> place & 1 and all(one == FLETCHER32 for one in filters[place + 1 :]):
-        packed = found[1]
-        added = sum(not found[0] >> n & 1 for n in range(place + 1, len(filters))) * CHECKSUM_BYTES
-        inflated(packed[: len(packed) - added], most)
-
-
-def _unpacked(dataset: Any, selection: Selection, filters: list[int], most: int) -> NDArray[Any]:
+def _unpacked(dataset: Any, selection: Selection, filters: list[_Filter], most: int) -> NDArray[Any]:
     wanted, chunks = _ranges(dataset, selection), _PackedChunks(dataset)
     values = np.full([len(each) for each in wanted], dataset.fillvalue, dataset.dtype)
     for offsets in _touched(dataset, selection):
@@ -115,19 +122,31 @@ def _unpacked(dataset: Any, selection: Selection, filters: list[int], most: int)
     return values.reshape([len(each) for each, part in zip(wanted, selection, strict=True) if isinstance(part, slice)])
 
 
-def _chunk(dataset: Any, left_out: int, packed: bytes, filters: list[int], most: int) -> NDArray[Any]:
-    stored = packed
-    for n in reversed(range(len(filters))):
-        if left_out >> n & 1:
-            continue
-        stored = inflated(stored, most) if filters[n] == DEFLATE else _unshuffled(stored, dataset.dtype.itemsize)
+def _chunk(dataset: Any, left_out: int, packed: bytes, filters: list[_Filter], most: int) -> NDArray[Any]:
+    stored = _through(left_out, packed, filters, 0, most)
     count = math.prod(dataset.chunks)
     if len(stored) != count * dataset.dtype.itemsize:
         raise ValueError(f"a chunk has {len(stored)} bytes instead of {count * dataset.dtype.itemsize}")
     return np.frombuffer(stored, dataset.dtype).reshape(dataset.chunks)
 
 
-def _unshuffled(stored: bytes, itemsize: int) -> bytes:
+def _through(left_out: int, packed: bytes, filters: list[_Filter], first: int, most: int) -> bytes:
+    """What a chunk becomes back through its filters to the `first`. Raises ValueError for too much."""
+    for n in reversed(range(first, len(filters))):
+        if left_out >> n & 1:
+            continue
+        if filters[n].number == DEFLATE:
+            packed = inflated(packed, most)
+        elif filters[n].number == SHUFFLE:
+            packed = _unshuffled(packed, filters[n].item_bytes)
+        else:
+            packed = packed[:-CHECKSUM_BYTES]
+    return packed
+
+
+def _unshuffled(stored: bytes, item_bytes: int) -> bytes:
     """First all first bytes, then all second ones, and so on, become numbers."""
-    whole = len(stored) // itemsize * itemsize
-    return np.frombuffer(stored[:whole], np.uint8).reshape(itemsize, -1).T.tobytes() + stored[whole:]
+    if item_bytes < 1:
+        raise ValueError("its shuffle filter states no size")
+    whole = len(stored) // item_bytes * item_bytes
+    return np.frombuffer(stored[:whole], np.uint8).reshape(item_bytes, -1).T.tobytes() + stored[whole:]

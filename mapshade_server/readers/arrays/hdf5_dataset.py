@@ -222,11 +222,15 @@ def _check_readable(part: ArrayPart, dataset: Any) -> None:
                 f"{part.whole}: is compressed by HDF5's filter {number} ({filter_name}), which is not installed; "
                 f"convert it, as in h5repack -f GZIP=4 {Path(part.place).name} NEW.h5"
             )
-    if dataset.chunks:
-        check_promise(part.whole, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
+    _check_chunks(part.whole, dataset)
     check_files_beside(dataset)
     if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
+
+
+def _check_chunks(source: str, dataset: Any) -> None:
+    if dataset.chunks:
+        check_promise(source, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
 
 
 def _told_missing(dataset: Any) -> list[str]:
@@ -303,10 +307,15 @@ def _variable(length: int, name: str, variable: Any) -> Coordinates:
     attributes = _attributes(variable)
     if text_attribute(attributes, "NAME").startswith(ONLY_A_NAME) or variable.ndim != 1:
         return coordinates_of(length, name, None, {})
-    numbers = variable[:] if variable.shape[0] in (length, length + 1) else None
-    if numbers is not None and len(numbers) == length + 1 and numbers.dtype.kind in "iuf":
-        numbers = (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
-    return coordinates_of(length, name, numbers, attributes)
+    fits = variable.shape[0] in (length, length + 1) and variable.dtype.kind in "iuf"
+    return coordinates_of(length, name, (lambda: _numbers(length, variable)) if fits else None, attributes)
+
+
+def _numbers(length: int, variable: Any) -> NDArray[Any]:
+    """The coordinates in a variable, one for each index."""
+    _check_chunks(variable.name, variable)
+    numbers = read_selection(variable, (slice(None),))
+    return numbers if len(numbers) == length else (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
 
 
 def _nexus_axes(dataset: Any) -> list[str]:

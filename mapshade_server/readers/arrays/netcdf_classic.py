@@ -85,7 +85,7 @@ def _coordinates(part: ArrayPart, length: int, name: str, variable: Variable | N
     if variable is None or variable.dimensions != (name,) or variable.dtype.kind == "S":
         return coordinates_of(length, name, None, {})
     _check_there(part._replace(path=name), variable)
-    return coordinates_of(length, name, _picked(part, variable, (slice(0, length),)), variable.attributes)
+    return coordinates_of(length, name, lambda: _picked(part, variable, (slice(0, length),)), variable.attributes)
 
 
 def _picked(part: ArrayPart, variable: Variable, selection: tuple[int | slice, ...]) -> NDArray[Any]:

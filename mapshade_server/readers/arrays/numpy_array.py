@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from dataclasses import replace
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -31,6 +32,8 @@ MEMBER_MAGIC = b"PK\3\4"
 MEMBER_HEADER_BYTES = 30  # before the name of a zip's member
 MOST_GROWTH = 1032  # of deflated bytes
 NPY = ".npy"
+LENGTH_BYTES = {(1, 0): 2, (2, 0): 4}  # of a header, by its version
+LONGEST_HEADER = 1 << 16
 
 
 def recognises(head: bytes) -> bool:
@@ -76,7 +79,7 @@ def _array(part: ArrayPart, file: IO[bytes]) -> ArrayFile:
     try:
         with warnings.catch_warnings(action="ignore"):  # headers written by Python 2
             version = npy.read_magic(file)
-            shape, fortran, dtype = read[version](file)
+            shape, fortran, dtype = read[version](_header(file, LENGTH_BYTES[version]))
     except Exception:  # whatever the evaluation of a damaged header ends in
         raise BadInput(f"{part.whole}: its NumPy header cannot be read; save the array again") from None
     if dtype.hasobject:
@@ -84,6 +87,15 @@ def _array(part: ArrayPart, file: IO[bytes]) -> ArrayFile:
     if min(shape, default=0) < 0:
         raise BadInput(f"{part.whole}: its NumPy header has the shape {shape}; save the array again")
     return ArrayFile(Path(part.place), file.tell(), dtype, shape, "F" if fortran else "C")
+
+
+def _header(file: IO[bytes], length_bytes: int) -> IO[bytes]:
+    """A header alone, which may be compressed, and claim any length. Raises ValueError."""
+    stated = file.read(length_bytes)
+    length = int.from_bytes(stated, "little")
+    if length > LONGEST_HEADER:
+        raise ValueError(f"it has {length} bytes")
+    return BytesIO(stated + file.read(length))
 
 
 def _check_size(part: ArrayPart, array: ArrayFile, there: int) -> None:

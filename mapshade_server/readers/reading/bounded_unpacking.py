@@ -11,6 +11,7 @@ from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.protocol.text.errors import BadInput
 
 LZMA_MEMORY = 1 << 28
+WINDOW = 1 << 14  # bytes of a stream at a time: what follows its end is copied
 LARGE_CHUNK, MOST_BEYOND = 1 << 26, 8  # bytes; times the whole, which a chunk at the edge may exceed
 
 
@@ -40,22 +41,35 @@ def check_promise(source: object, chunk_bytes: int, whole_bytes: int) -> None:
 def inflated(packed: Packed, most: int) -> bytes:
     """Zlib or gzip streams, told apart by their first bytes, several after each other as one. Raises ValueError."""
     parts: list[bytes] = []
-    left = most
-    rest: Packed = packed
-    while rest:
-        stream = zlib.decompressobj(zlib.MAX_WBITS | 32)
+    left, at, whole = most, 0, memoryview(packed)
+    stream = zlib.decompressobj(zlib.MAX_WBITS | 32)
+    while at < len(whole):
+        window = whole[at : at + WINDOW]
         try:
-            part = stream.decompress(rest, left + 1)
+            part = stream.decompress(window, left + 1)
         except zlib.error as error:
             raise Damaged(f"its deflated bytes are damaged ({error})") from None
         left -= len(part)
         if left < 0:
             raise TooMuch(most)
-        if not stream.eof:
-            raise Damaged("its deflated bytes are truncated")
         parts.append(part)
-        rest = stream.unused_data.lstrip(b"\0")  # by which gzip may be padded
+        at += len(window) - len(stream.unused_data)
+        if stream.eof and (at := _after_zeros(whole, at)) < len(whole):
+            stream = zlib.decompressobj(zlib.MAX_WBITS | 32)
+    if packed and not stream.eof:
+        raise Damaged("its deflated bytes are truncated")
     return b"".join(parts)
+
+
+def _after_zeros(packed: memoryview, at: int) -> int:
+    """Where the zeros end by which gzip may be padded."""
+    while at < len(packed):
+        window = bytes(packed[at : at + WINDOW])
+        rest = window.lstrip(b"\0")
+        at += len(window) - len(rest)
+        if rest:
+            break
+    return at
 
 
 def unpacked_bzip2(packed: Packed, most: int) -> bytes:

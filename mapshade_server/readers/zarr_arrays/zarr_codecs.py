@@ -101,25 +101,38 @@ def _stated_size(codec_id: str, packed: memoryview) -> int:
 
 
 def _zstd_size(packed: memoryview) -> int:
-    """The size that the first frame states, to which libzstd keeps; else what all its blocks become at most."""
-    at = 0
-    while packed[at + 1 : at + 4] == ZSTD_SKIPPED and packed[at] >> 4 == 5:
-        at += 8 + int.from_bytes(packed[at + 4 : at + 8], "little")
+    """What all the frames become at most: libzstd unpacks them after each other, however many there are."""
+    total = at = 0
+    while at < len(packed):
+        if packed[at + 1 : at + 4] == ZSTD_SKIPPED and packed[at] >> 4 == 5:
+            at += 8 + int.from_bytes(packed[at + 4 : at + 8], "little")
+        else:
+            size, at = _zstd_frame(packed, at)
+            total += size
+    if at > len(packed):
+        raise Damaged("its zstd frames are truncated")
+    return total
+
+
+def _zstd_frame(packed: memoryview, at: int) -> tuple[int, int]:
+    """The size that the frame states, to which libzstd keeps, else what its blocks become at most; and its end."""
     if packed[at : at + 4] != ZSTD_MAGIC or len(packed) < at + 6:
         raise Damaged("its zstd frame is damaged")
     descriptor = packed[at + 4]
-    alone = descriptor >> 5 & 1
+    alone, has_checksum = descriptor >> 5 & 1, descriptor >> 2 & 1
     size_bytes = (alone, 2, 4, 8)[descriptor >> 6]
     at += 5 + (not alone) + (0, 1, 2, 4)[descriptor & 3]
-    if size_bytes:
-        return int.from_bytes(packed[at : at + size_bytes], "little") + (256 if size_bytes == 2 else 0)
+    stated = int.from_bytes(packed[at : at + size_bytes], "little") + (256 if size_bytes == 2 else 0)
+    at += size_bytes
     total, last = 0, False
-    while not last and at + 3 <= len(packed):
+    while not last:
+        if at + 3 > len(packed):
+            raise Damaged("its zstd frames are truncated")
         header = int.from_bytes(packed[at : at + 3], "little")
         last, kind, size = bool(header & 1), header >> 1 & 3, header >> 3
         total += ZSTD_BLOCK if kind == 2 else size
         at += 3 + (1 if kind == 1 else size)
-    return total
+    return stated if size_bytes else total, at + 4 * has_checksum
 
 
 @cache

@@ -84,10 +84,19 @@ def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
         raise BadInput(f"{found.part.whole}: not one of its chunks is there; copy or fetch the whole Zarr again")
 
 
+def _check_stored(whole: str, array: Any) -> None:
+    """Raises BadInput for codecs that may do anything, and for chunks that are far more than the array."""
+    check_codecs(whole, array)
+    check_promise(whole, _chunk_bytes(array), array.nbytes)
+
+
+def _chunk_bytes(array: Any) -> int:
+    return int(np.prod(array.chunks, dtype=object)) * int(array.dtype.itemsize)
+
+
 def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple) -> OpenedVolume:
     part, array = found.part, found.array
-    check_codecs(part.whole, array)
-    check_promise(part.whole, int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize, array.nbytes)
+    _check_stored(part.whole, array)
     attributes: Json = dict(array.attrs)
     if found.image is None:
         values = cf_values(part.whole, array.dtype, {**attributes, **_fill_value(array, attributes)})
@@ -104,10 +113,9 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         raise PartNeeded(str(needed), levels) if len(levels) > 1 else needed from None
     others = found.image.others if found.image is not None else 0
     also = f"the first of the {1 + others} images that its metadata describes is taken" if others else ""
-    chunk_bytes = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
 
     def pick(selection: tuple[int | slice, ...]) -> NDArray[Any]:
-        with one_line_errors(part.place), at_most(chunk_bytes):
+        with one_line_errors(part.place), at_most(_chunk_bytes(array)):
             return np.asarray(array[selection])
 
     return array_volume(
@@ -150,11 +158,15 @@ def _coordinates(found: FoundArray) -> list[Coordinates]:
 
 def _coordinate(found: FoundArray, nodes: Callable[[str], Any], length: int, name: str) -> Coordinates:
     beside: Any = nodes(name) if name else None
-    if found.place.is_array(beside) and beside.shape == (length,):
-        check_codecs(found.part.whole, beside)
-        with at_most(beside.nbytes):
-            return coordinates_of(length, name, np.asarray(beside[:]), dict(beside.attrs))
-    return coordinates_of(length, name, None, {})
+    if not (found.place.is_array(beside) and beside.shape == (length,) and beside.dtype.kind in "iuf"):
+        return coordinates_of(length, name, None, {})
+    _check_stored(found.part.whole, beside)
+
+    def read() -> NDArray[Any]:
+        with at_most(_chunk_bytes(beside)):
+            return np.asarray(beside[:])
+
+    return coordinates_of(length, name, read, dict(beside.attrs))
 
 
 def _nodes_beside(found: FoundArray) -> Callable[[str], Any]:

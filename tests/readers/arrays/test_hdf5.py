@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import tolerances
 from support.files.counted_bytes import bytes_read
@@ -341,6 +343,19 @@ def test_however_many_chunks_there_are_their_index_is_walked_once(
         got = read_selection(CountedWalks(file["v"], made), (slice(0, 15), slice(1, 16), 5))
         np.testing.assert_array_equal(got, file["v"][:15, 1:, 5])
     assert len(made) <= 1
+
+
+@given(st.lists(st.sampled_from(["set_deflate", "set_shuffle", "set_fletcher32"]), min_size=1, unique=True))
+def test_filters_in_any_order_come_back(tmp_path_factory: pytest.TempPathFactory, filters: list[str]) -> None:
+    path, values = tmp_path_factory.mktemp("filters") / "v.h5", values_of("int16", (20, 13, 9))
+    with h5py.File(path, "w") as file:
+        creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        creation.set_chunk((4, 5, 6))
+        for name in filters:
+            getattr(creation, name)(*[9] if name == "set_deflate" else [])
+        space = h5py.h5s.create_simple(values.shape)
+        h5py.Dataset(h5py.h5d.create(file.id, b"v", h5py.h5t.NATIVE_INT16, space, creation))[...] = values
+    np.testing.assert_array_equal(read_whole(path), values)
 
 
 def test_one_chunk_says_why_it_is_read_whole(tmp_path: Path) -> None:
