@@ -47,7 +47,7 @@ def opened_rows(
     path: str,
     workers: Sequence[int],
     say: Callable[[str], None],
-    memory: int | None = None,
+    memory: int | None,
     like_machines: bool = False,
 ) -> Iterator[list[Row]]:
     """The single process and a session for each number of servers, all with the volume in memory.
@@ -73,7 +73,7 @@ def threads_of_each(workers: Sequence[int]) -> int:
 
 @contextmanager
 def session_of_machines(
-    path: str, workers: int, threads: int, say: Callable[[str], None], memory: int | None = None
+    path: str, workers: int, threads: int, say: Callable[[str], None], memory: int | None
 ) -> Iterator[Session]:
     """Map/shade servers of this machine with so many `threads` each, and a splat server that may use every core.
 

@@ -11,7 +11,7 @@ Round = TypeVar("Round")
 def interleaved(
     contenders: Mapping[Name, Callable[[Round], float]],
     rounds: Iterable[Round],
-    after_round: Callable[[Round], None] = lambda done: None,
+    after_round: Callable[[Round], None],
 ) -> dict[Name, list[float]]:
     """What each contender measured in each round. Each round starts with another one, so that none is always first."""
     samples: dict[Name, list[float]] = {name: [] for name in contenders}

@@ -80,7 +80,7 @@ def told(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
     return median if len(measured.samples) == 1 else f"{median} ({spread(measured, scale, digits)})"
 
 
-def spread(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
+def spread(measured: Figure, scale: float, digits: int) -> str:
     """The bounds of a figure's middle half."""
     return f"{significant(measured.low * scale, digits)}–{significant(measured.high * scale, digits)}"
 

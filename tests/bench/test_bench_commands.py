@@ -99,7 +99,7 @@ def test_servers_that_stand_for_machines_have_as_many_threads_in_every_row(
     """Or several over one would be the same cores, cut in another way."""
     write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
     monkeypatch.setattr(renderers, "usable_cores", lambda: 7)
-    with opened_rows(str(tmp_path / "shells.nrrd"), [1, 3], lambda text: None, like_machines=True) as rows:
+    with opened_rows(str(tmp_path / "shells.nrrd"), [1, 3], lambda text: None, None, like_machines=True) as rows:
         for row in rows[1:]:
             scene = row.renderer.volume.default_scene().with_(size=32)
             assert row.renderer.finish(scene).complete and isinstance(row.renderer, Session)
@@ -111,7 +111,7 @@ def test_servers_that_stand_for_machines_have_as_many_threads_in_every_row(
 def test_a_server_that_cannot_start_ends_its_row_with_the_cause(tmp_path: Path) -> None:
     write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
     with pytest.raises(PeerLost, match=r"the map/shade server \(process \d+\) ended with status 2"):
-        with session_of_machines(str(tmp_path / "shells.nrrd"), 1, threads=0, say=lambda text: None):
+        with session_of_machines(str(tmp_path / "shells.nrrd"), 1, threads=0, say=lambda text: None, memory=None):
             pass
 
 

@@ -122,7 +122,7 @@ def test_contenders_take_turns_and_each_is_measured_once_a_round(contenders: int
 
         return measure
 
-    found = interleaved({name: contender(name) for name in range(contenders)}, range(rounds))  # type: ignore[misc]
+    found = interleaved({name: contender(name) for name in range(contenders)}, range(rounds), lambda n: None)  # type: ignore[misc]
     assert found == {name: [float(n) for n in range(rounds)] for name in range(contenders)}
     by_round = [[name for this, name in ran if this == n] for n in range(rounds)]
     assert [n for n, _ in ran] == sorted(n for n, _ in ran)
