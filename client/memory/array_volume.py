@@ -9,15 +9,16 @@ import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.memory.array_source import ArraySource
 from volsplat.client.memory.known_arrays import source_of
-from volsplat.client.memory.shared_memory import SharedMemory, shared_memory
+from volsplat.client.memory.shared_memory import SharedMemory, copied_memory, shared_memory
 from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.shared_array import PAGE_BYTES, header_bytes, shared_array
 from volsplat.protocol.description.volume import SCALAR_BYTES, Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -73,6 +74,24 @@ class Volume:
         self._description = _description(source, _kind(kind), unit, value_unit, name)
         self._shared: SharedMemory = shared_memory(self._description, source.values)
 
+    @classmethod
+    def _of_contents(cls, contents: bytes) -> Self:
+        """One that was pickled."""
+        volume = cls.__new__(cls)
+        volume._description = shared_array(contents[: header_bytes(contents[:PAGE_BYTES])]).description
+        volume._shared = copied_memory(volume._description.name, contents)
+        return volume
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """With its voxels: for a process that may outlive this one, or the volume here."""
+        return type(self)._of_contents, (self._shared.contents(),)
+
+    def __copy__(self) -> Self:
+        return self  # nobody can change it
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
     def __repr__(self) -> str:
         size = " x ".join(map(str, self._description.geometry.dims))
         return f"<volsplat volume in memory {self._description.name}: {size} voxels of {self._description.scalar_type}>"
@@ -83,8 +102,12 @@ class Volume:
 
     @property
     def place(self) -> str:
-        """The path by which processes of this machine open it while this one lives."""
+        """By which name processes of this machine open it while this one lives. Raises BadInput once it is closed."""
         return self._shared.place
+
+    def check_open(self) -> None:
+        """Raises BadInput once it is closed."""
+        self._shared.check_open()
 
     def close(self) -> None:
         """Give the memory back once the servers have; else that happens when nobody holds the volume any more."""

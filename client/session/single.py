@@ -228,6 +228,8 @@ class SingleProcess:
         """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
         index, source = checked_index(index), self._holding.source
         check_is_voxel(index, self.volume.description.geometry.dims)
+        if self._in_memory is not None:
+            self._in_memory.check_open()
         if source is None:
             return None
         path, identity = source

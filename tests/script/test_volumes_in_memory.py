@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import multiprocessing
 import os
+import pickle
 import sys
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +36,7 @@ from volsplat.client.memory.array_volume import OrientationUnknown, Volume
 from volsplat.client.memory.known_arrays import source_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 VALUES = np.random.default_rng(1).integers(0, 3000, (6, 7, 8)).astype(np.int16)  # [z, y, x]
@@ -308,8 +314,47 @@ def test_servers_draw_an_array_as_a_single_process_does_and_it_is_given_back() -
         drawn = session.finish(scene).published.pixels
     with SingleProcess(volume) as single:
         assert drawn.max() > 0 and np.array_equal(drawn, single.finish(scene).published.pixels)
+    place = volume_name(volume.place).place
     volume.close()
-    assert not os.path.exists(volume.place)
+    assert not os.path.exists(place)
+
+
+def assert_closed(use: Callable[[], object]) -> None:
+    with pytest.raises(BadInput, match=r"closed.*; make it anew, as by Volume\(array\)$"):
+        use()
+
+
+def test_volumes_go_to_other_processes_and_back_with_their_voxels() -> None:
+    volumes = (Volume(VALUES + n, spacing=(1, 1, 1), name=str(n)) for n in range(4))  # nobody keeps them
+    with ProcessPoolExecutor(1, multiprocessing.get_context("forkserver")) as pool:
+        answers = [pool.submit(copy.copy, volume) for volume in volumes]
+        for n, answer in enumerate(answers):
+            assert answer.result().description.name == str(n) and np.array_equal(read(answer.result()), VALUES + n)
+
+
+def test_a_copy_is_the_volume_itself_for_nobody_can_change_it() -> None:
+    volume = Volume(VALUES, spacing=(1, 1, 1))
+    assert copy.copy(volume) is volume and copy.deepcopy({"a": volume})["a"] is volume
+    pickled = pickle.dumps(volume)
+    volume.close()
+    assert np.array_equal(read(pickle.loads(pickled)), VALUES)
+
+
+def test_another_volume_is_never_taken_for_one_that_is_closed() -> None:
+    volume = Volume(VALUES, spacing=(1, 1, 1))
+    place, pickled = volume.place, pickle.dumps(volume)
+    with Session(volume, workers=1) as session, SingleProcess(volume) as single:
+        assert session.volume is not None
+        volume.close()
+        other = Volume(VALUES, spacing=(1, 1, 1))
+        assert volume_name(other.place).place == volume_name(place).place, "the number is taken again"
+        for opened in (session, single):
+            assert_closed(partial(opened.file_voxel, (0, 0, 0)))
+    assert_closed(lambda: open_volume(place))
+    assert_closed(lambda: pickle.dumps(volume))
+    assert_closed(lambda: SingleProcess(volume))
+    assert_closed(lambda: Session(volume))
+    assert np.array_equal(read(pickle.loads(pickled)), VALUES)
 
 
 @pytest.mark.parametrize("options", [{"spawn": False}, {"cluster": "lab.toml"}])

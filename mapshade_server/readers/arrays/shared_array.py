@@ -11,16 +11,18 @@ from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES,
 from volsplat.protocol.description.shared_array import MARK, PAGE_BYTES, SharedArray, header_bytes, shared_array
 from volsplat.protocol.text.errors import BadInput
 
+CLOSED = "the script has closed this volume in memory; make it anew, as by Volume(array)"
+
 
 def recognises(head: bytes) -> bool:
     return head.startswith(MARK)
 
 
 def open_shared_array(path: Path, part: str) -> OpenedVolume:
-    """The reader for the array. Raises BadInput if it is damaged."""
-    if part:
-        raise BadInput(f"{path}: is one array, it has no part “{part}”; leave out #{part}")
-    description, offset = _told(path)
+    """The reader for the array, whose key is `part`. Raises BadInput if it is damaged, or another one by now."""
+    description, offset, key = _told(path)
+    if part not in ("", key):
+        raise BadInput(CLOSED)
     dims = description.geometry.dims
     piece = Piece(path, dims[2], offset)
     voxels = StoredVoxels(path, dims, np.dtype(description.scalar_type), (piece,))
