@@ -85,12 +85,12 @@ def _in_sidecar(path: Path) -> dict[str, str]:
     try:
         with opened(sidecar) as file:
             entries = tomllib.loads(file.read(LONGEST_SIDECAR).decode())
-    except ValueError as error:  # TOML's own and UTF-8's
+        return {
+            key: "x".join(str(entry) for entry in value) if isinstance(value, list) else str(value)
+            for key, value in entries.items()
+        }
+    except (ValueError, RecursionError) as error:  # TOML's own, UTF-8's, and those of numbers of thousands of digits
         raise BadInput(f"{sidecar}: is not TOML ({' '.join(str(error).split())}); correct the file") from None
-    return {
-        key: "x".join(str(entry) for entry in value) if isinstance(value, list) else str(value)
-        for key, value in entries.items()
-    }
 
 
 def _undescribed(path: Path, said: ArrayPart) -> BadInput:

@@ -12,11 +12,12 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.header_numbers import numbered_names, whole_numbers
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of
-from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels, numbered_names
+from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
@@ -71,8 +72,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
     if text and frames > 1:
         raise BadInput(f"{path}: holds several volumes as text, which volsplat cannot tell apart; save it as binary")
     voxels = _stored(path, fields, end, (sizes[0], sizes[1], sizes[2] * frames), compressed)
-    if not text:
-        voxels.check_files()
+    (voxels.check_there if text else voxels.check_files)()
     reader = header_of(path, "MetaImageIO")
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
     geometry = geometry_of(path, reader)
@@ -94,7 +94,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         why_whole=why_whole,
     )
     if text:
-        return OpenedVolume(description, lambda box: extracted(path, reader, box), parts=())
+        return OpenedVolume(description, lambda box: extracted(path, reader, box), voxels.files, parts=())
     return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files, parts=())
 
 
@@ -146,20 +146,23 @@ def _wrong(path: Path, fields: dict[str, str], name: str) -> BadInput:
 
 def _integers(path: Path, fields: dict[str, str], name: str) -> tuple[int, ...]:
     try:
-        return tuple(int(word) for word in fields.get(name, "").split())
+        return whole_numbers(fields.get(name, "").split())
     except ValueError:
         raise _wrong(path, fields, name) from None
 
 
 def _stored(path: Path, fields: dict[str, str], end: int, dims: Index, compressed: bool) -> StoredVoxels:
-    names = _data_files(path, fields)
+    names = _data_files(path, fields, dims[2])
+    count = len(names) or 1
+    if dims[2] % count:
+        raise BadInput(f"{path}: the header names {count} files for {dims[2]} slices; correct the header")
     paths = [named_file(path, name) for name in names] or [path]
-    if dims[2] % len(paths):
-        raise BadInput(f"{path}: the header names {len(paths)} files for {dims[2]} slices; correct the header")
-    sheets = dims[2] // len(paths)
+    sheets = dims[2] // count
     high_first = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False")).lower() == "true"
     dtype = np.dtype(SCALAR_TYPES[fields["ElementType"]]).newbyteorder(">" if high_first else "<")
     skip = (_integers(path, fields, "HeaderSize") or (0,))[0]
+    if skip < -1:  # by which the voxels are the last of the file
+        raise _wrong(path, fields, "HeaderSize")
     promised = sheets * dims[0] * dims[1] * dtype.itemsize
     pieces = []
     for data in paths:
@@ -172,7 +175,7 @@ def _stored(path: Path, fields: dict[str, str], end: int, dims: Index, compresse
     return StoredVoxels(source=path, dims=dims, dtype=dtype, pieces=tuple(pieces))
 
 
-def _data_files(path: Path, fields: dict[str, str]) -> list[str]:
+def _data_files(path: Path, fields: dict[str, str], slices: int) -> list[str]:
     """The names of the data files: one, a list, or a numbered pattern. Empty if the voxels follow the header."""
     value = fields["ElementDataFile"]
     if value.upper() == "LOCAL":
@@ -181,8 +184,8 @@ def _data_files(path: Path, fields: dict[str, str]) -> list[str]:
         return fields["files"].split("\n")
     words = value.split()
     if re.search(r"%\d*d", value):
-        numbers = [int(word) for word in words[1:4] if word.isdigit()]
-        if len(numbers) < 3 or numbers[2] == 0:
-            raise _wrong(path, fields, "ElementDataFile")
-        return numbered_names(words[0], *numbers[:3])
+        try:
+            return numbered_names(words[0], words[1:4], slices)
+        except ValueError:
+            raise _wrong(path, fields, "ElementDataFile") from None
     return [value]

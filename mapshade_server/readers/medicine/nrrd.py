@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader, header_of_file
+from volsplat.mapshade_server.readers.medicine.nrrd_header import LONGEST_LINE, NrrdHeader, header_of_file
 from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.header_numbers import numbered_names
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
@@ -23,7 +24,6 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import (
     BYTE_ORDERS,
     Piece,
     StoredVoxels,
-    numbered_names,
     unpacked_size,
 )
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
@@ -54,6 +54,7 @@ PACKINGS = {
 TEXT_ENCODINGS = ("txt", "text", "ascii", "hex")
 
 LARGEST_FILE = 1 << 62  # bytes
+AT_END = -1  # bytes to skip: the voxels are the last of the file
 SPATIAL_KINDS = ("domain", "space")
 FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which there are volumes, not components
 
@@ -125,7 +126,11 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
     if encoding in TEXT_ENCODINGS:
         if axes.frames > 1:
             raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
-        return OpenedVolume(description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box), parts=())
+        text = StoredVoxels(path, axes.stored, np.dtype(scalar_type), _pieces(header, axes.stored, 1, Packing.RAW))
+        text.check_there()
+        return OpenedVolume(
+            description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box), text.files, parts=()
+        )
     if encoding not in PACKINGS:
         raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
     order = BYTE_ORDERS.get(header.fields.get("endian", "").lower())
@@ -185,13 +190,18 @@ def _spatial(header: NrrdHeader, count: int) -> list[bool]:
 
 def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
     """The files that hold the voxels, in the order of their sheets."""
-    names = _data_files(header)
+    names = _data_files(header, dims[2])
+    count = len(names) or 1
+    if dims[2] % count:
+        raise header.wrong("data file", f"names {count} files for {dims[2]} slices")
     paths = [named_file(header.path, name) for name in names] or [header.path]
-    if dims[2] % len(paths):
-        raise header.wrong("data file", f"names {len(paths)} files for {dims[2]} slices")
-    sheets = dims[2] // len(paths)
+    sheets = dims[2] // count
     lines = (header.integers("line skip") or (0,))[0]
     skip = (header.integers("byte skip") or (0,))[0]
+    if lines < 0:
+        raise header.wrong("line skip", "is less than 0")
+    if skip < AT_END:
+        raise header.wrong("byte skip", "is less than -1, by which the voxels are the last of the file")
     promised = sheets * dims[0] * dims[1] * item_bytes
     pieces = []
     for path in paths:
@@ -199,30 +209,31 @@ def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) 
             return (Piece(path, dims[2]),)  # check_files reports it
         offset = _after_lines(path, 0 if names else header.end, lines)
         if packing == Packing.RAW:
-            offset = max(path.stat().st_size - promised, 0) if skip == -1 else offset + skip
+            offset = max(path.stat().st_size - promised, 0) if skip == AT_END else offset + skip
             pieces.append(Piece(path, sheets, offset))
         else:
-            dropped = unpacked_size(path, offset, packing, LARGEST_FILE) - promised if skip == -1 else skip
+            dropped = unpacked_size(path, offset, packing, LARGEST_FILE) - promised if skip == AT_END else skip
             pieces.append(Piece(path, sheets, offset, packing, dropped))
     return tuple(pieces)
 
 
-def _data_files(header: NrrdHeader) -> list[str]:
+def _data_files(header: NrrdHeader, slices: int) -> list[str]:
     """The names of a detached header's data files: one, a list, or a numbered pattern. Empty if attached."""
     value = header.fields.get("data file", "")
     if header.file_list or value.upper().startswith("LIST"):
         return list(header.file_list)
     words = value.split()
     if len(words) >= 4 and re.search(r"%\d*d", words[0]):
-        if int(words[3]) == 0:
-            raise header.wrong("data file", "has a step of 0")
-        return numbered_names(words[0], *map(int, words[1:4]))
+        try:
+            return numbered_names(words[0], words[1:4], slices)
+        except ValueError as error:
+            raise header.wrong("data file", str(error)) from None
     return [value] if value else []
 
 
 def _after_lines(path: Path, offset: int, lines: int) -> int:
     with opened(path) as file:
         file.seek(offset)
-        for _ in range(lines):
-            file.readline()
+        while lines and (line := file.readline(LONGEST_LINE)):  # or a part of one
+            lines -= line.endswith(b"\n")
         return file.tell()

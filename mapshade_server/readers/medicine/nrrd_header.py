@@ -5,6 +5,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from volsplat.mapshade_server.readers.reading.header_numbers import whole_numbers
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
@@ -43,9 +44,9 @@ class NrrdHeader:
 
     def integers(self, name: str) -> tuple[int, ...]:
         try:
-            return tuple(int(word) for word in self.fields.get(name, "").split())
-        except ValueError:
-            raise self.wrong(name, "is not a list of whole numbers") from None
+            return whole_numbers(self.fields.get(name, "").split())
+        except ValueError as error:
+            raise self.wrong(name, str(error)) from None
 
     def numbers(self, name: str, count: int) -> list[float]:
         try:
@@ -85,13 +86,13 @@ def header_of_file(path: Path) -> NrrdHeader:
             text = line.decode("utf-8", "replace").strip()
             if fields.get("data file", "").upper().startswith("LIST"):
                 file_list.append(text)
-            elif not text.startswith("#") and ":=" in text:
-                key, _, value = text.partition(":=")
-                pairs[key] = value
             elif not text.startswith("#") and ":" in text:
                 name, _, value = text.partition(":")
-                name = name.strip().lower()
-                fields[FIELDS.get(name, name)] = value.strip()
+                if value.startswith("="):
+                    pairs[name] = value[1:]
+                else:
+                    name = name.strip().lower()
+                    fields[FIELDS.get(name, name)] = value.strip()
             if file.tell() > LONGEST_HEADER:
                 raise BadInput(f"{path}: the NRRD header does not end; correct the file")
         return NrrdHeader(path, fields, pairs, tuple(file_list), file.tell())

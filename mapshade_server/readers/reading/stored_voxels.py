@@ -73,13 +73,18 @@ class StoredVoxels:
     def sheet_bytes(self) -> int:
         return self.dims[0] * self.dims[1] * self.dtype.itemsize
 
-    def check_files(self) -> None:
-        """Raises BadInput if a piece's file is missing or cannot hold what the header promises."""
+    def check_there(self) -> None:
+        """Raises BadInput if a piece's file is missing."""
         for piece in self.pieces:
             if not piece.path.is_file():
                 raise BadInput(
                     f"{self.source}: its data file {piece.path.name} is missing; put it at {piece.path.parent}"
                 )
+
+    def check_files(self) -> None:
+        """Raises BadInput if a piece's file is missing or cannot hold what the header promises."""
+        self.check_there()
+        for piece in self.pieces:
             promised = piece.sheets * self.sheet_bytes
             there = max(piece.path.stat().st_size - piece.offset, 0)
             if there * MOST_GROWTH[piece.packing] < promised:
@@ -163,11 +168,6 @@ def one_piece(
     voxels = StoredVoxels(source, dims, dtype, (piece,))
     voxels.check_files()
     return voxels
-
-
-def numbered_names(pattern: str, first: int, last: int, step: int) -> list[str]:
-    """The names of pieces: a pattern with a number in it, as slice%03d.raw, for each number to the last."""
-    return [pattern % number for number in range(first, last + (1 if step > 0 else -1), step)]
 
 
 def unpacked_size(path: Path, offset: int, packing: Packing, most: int) -> int:

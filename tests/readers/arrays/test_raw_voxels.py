@@ -116,6 +116,15 @@ def test_what_is_not_described_is_refused_in_one_line(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("told", ["dims = " + "[" * 20_000, "skip = 0x" + "f" * 5000, "skip = " + "9" * 5000])
+def test_a_sidecar_that_is_made_to_do_harm_is_refused_in_one_line(told: str, tmp_path: Path) -> None:
+    path = raw(tmp_path, values_of("int16"))
+    (tmp_path / "head.raw.toml").write_text(told)
+    with pytest.raises(BadInput, match=r"head\.raw\.toml: is not TOML") as refusal:
+        open_volume(str(path))
+    assert "\n" not in str(refusal.value)
+
+
 def test_a_header_beside_is_pointed_at(tmp_path: Path) -> None:
     path = raw(tmp_path, values_of("int16"))
     path.with_suffix(".nhdr").write_text("NRRD0004\n")
