@@ -16,11 +16,11 @@ from support.files.prepared import prepare_small
 from support.patience import PATIENCE
 from support.programs.hand_started import free_port, joined_by_hand
 from support.programs.programs import Person
+from support.scenes.phantoms import QUANTISATION
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import BLOCK_BYTES, identified_store, identified_volume
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.protocol.description.scene import Quantise, Scene, Step
@@ -164,22 +164,89 @@ def test_a_single_process_draws_no_replaced_file_either(here: Path) -> None:
         assert torch.equal(single.render(scene), first)
 
 
-def test_a_file_that_is_replaced_while_it_is_read_is_refused(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    held = HeldVolume()
-    (described,) = held.answers(messages.DescribeVolume(str(here)))
-    assert isinstance(described.message, messages.VolumeDescribed)
-    boxes = [described.message.description.geometry.box]
-    read = SubCube.read
+class Reading:
+    """A map/shade server's volume, and a file that changes in the moment before it is read, if it is to."""
 
-    def read_and_replaced(self: SubCube, reader: object) -> None:
-        read(self, reader)  # type: ignore[arg-type]
-        change_a_byte(here, -1)
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.changes = False
+        self.held = HeldVolume(superseded=self._about_to_read)
+        (described,) = self.held.answers(messages.DescribeVolume(str(path)))
+        assert isinstance(described.message, messages.VolumeDescribed)
+        self.identity = described.message.identity
+        self.boxes = [described.message.description.geometry.box]
 
-    monkeypatch.setattr(SubCube, "read", read_and_replaced)
+    def _about_to_read(self, _: int) -> bool:
+        if self.changes:
+            self.changes = False
+            change_a_byte(self.path, -1)
+        return False
+
+    def reads(self, assignment: int = 1, held: bool = True) -> messages.ReadSubCubes:
+        return messages.ReadSubCubes(assignment, str(self.path), self.boxes, self.identity, held)
+
+    def changed_to(self, assignment: int) -> messages.ChangeSubCubes:
+        return messages.ChangeSubCubes(assignment, str(self.path), self.boxes, self.identity, QUANTISATION)
+
+    def reads_ahead(self) -> None:
+        self.held.reading_ahead(messages.ReadAhead(1, str(self.path), self.boxes, self.identity, QUANTISATION))()
+
+    def packs_again(self) -> None:
+        """What a client before had read, by other rules."""
+        self.held.answers(messages.PackVoxels(2, QUANTISATION))
+
+    def packets(self) -> list[bytes]:
+        return [bytes(memoryview(cube.packets).cast("B")) for cube in self.held.sub_cubes(0)]
+
+
+def kept_for_another_client(reading: Reading) -> None:
+    other = msgspec.structs.replace(QUANTISATION, directions="paper")
+    reading.held.answers(reading.reads())
+    reading.held.answers(messages.PackVoxels(1, other))
+    reading.held.keep()
+    reading.held.answers(reading.reads(2))
+
+
+def nothing(_: Reading) -> None:
+    pass
+
+
+READINGS: dict[str, tuple[Callable[[Reading], object], Callable[[Reading], object]]] = {
+    "read": (nothing, lambda reading: reading.held.answers(reading.reads())),
+    "counted": (
+        lambda reading: reading.held.answers(reading.reads(held=False)),
+        lambda reading: reading.held.answers(messages.CountHistograms(1, 0.0, 255.0, 100.0)),
+    ),
+    "packed again": (kept_for_another_client, Reading.packs_again),
+    "changed": (nothing, lambda reading: reading.held.answers(reading.changed_to(1))),
+    "lent": (
+        nothing,
+        lambda reading: reading.held.answers(messages.LendVolume(1, str(reading.path), reading.identity)),
+    ),
+    "read ahead": (nothing, Reading.reads_ahead),
+}
+
+
+@pytest.mark.parametrize(("before", "reads"), READINGS.values(), ids=READINGS)
+def test_a_file_that_is_replaced_while_it_is_read_is_refused(
+    here: Path, before: Callable[[Reading], object], reads: Callable[[Reading], object]
+) -> None:
+    reading, kept = Reading(here), here.with_name("kept")
+    before(reading)
+    shutil.copy2(here, kept)
+    reading.changes = True
     with pytest.raises(BadInput, match="was replaced or changed"):
-        held.answers(messages.ReadSubCubes(1, str(here), boxes, described.message.identity))
-    with pytest.raises(BadInput, match="not 0"):
-        held.check(1, "a frame")
+        reads(reading)
+    assert not reading.changes, "it was read"
+    with pytest.raises(BadInput, match="level 0 is not held"):
+        reading.held.sub_cubes(0)
+    with pytest.raises(BadInput, match="of which nothing is lent"):
+        reading.held.answers(messages.ReadPart(1, messages.Part(1, 0, 0, "uint8", reading.boxes[0])))
+    os.replace(kept, here)
+    reading.held.answers(reading.changed_to(3))
+    other = Reading(here)
+    other.held.answers(other.changed_to(3))
+    assert reading.packets() == other.packets(), "nothing is left of what was read meanwhile"
 
 
 # -- the identity itself
