@@ -25,9 +25,9 @@ from volsplat.client.ui.doors.behind_proxy import BehindProxy
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.handed_files import FILES_PATH, handed_file
 from volsplat.client.ui.doors.page_address import PageAddress
-from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
 from volsplat.client.ui.doors.script_bundle import BUNDLES_PATH, ScriptBundles
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.doors.strict_answers import ScriptNonces, StrictHeaders
 from volsplat.client.ui.doors.waiting_page import EARLY_PATH, WAITING_PATH
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.viewing.saving import (

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -24,16 +24,21 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.program.exit_status import EXIT_BAD_INPUT
 
 CPU_TORCH = ROOT / "packaging" / "cpu_torch.py"
-CURE = "pip install 'volsplat[torch]'"
-WITHOUT_TORCH = 'import sys\nsys.modules["torch"] = None\n'  # to Python: there is no such module
+CURE = "pip install --extra-index-url https://download.pytorch.org/whl/cpu 'volsplat[torch]'"
+PAGE_LIBRARIES = ("nicegui", "fastapi", "starlette", "uvicorn")
+
+
+def _hide(libraries: Sequence[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs that are started now find none of these."""
+    (folder / "absent").mkdir()
+    hides = "".join(f"sys.modules[{library!r}] = None\n" for library in libraries)  # to Python: no such module
+    (folder / "absent" / "sitecustomize.py").write_text(f"import sys\n{hides}")
+    monkeypatch.setenv("PYTHONPATH", str(folder / "absent"))
 
 
 @pytest.fixture
 def without_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Programs that are started now find no torch."""
-    (tmp_path / "absent").mkdir()
-    (tmp_path / "absent" / "sitecustomize.py").write_text(WITHOUT_TORCH)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "absent"))
+    _hide(["torch"], tmp_path, monkeypatch)
 
 
 def ended(folder: Path, command: str) -> tuple[int, list[str]]:
@@ -92,6 +97,13 @@ def test_a_tensor_without_torch_is_one_line_with_the_cure(head: Path) -> None:
 @pytest.mark.parametrize("command", ["phantom head -o head.nrrd", "demo", "gallery out", "bench kernels"])
 def test_a_command_that_needs_torch_names_the_extra(tmp_path: Path, command: str) -> None:
     said = f"volsplat: {command.split()[0]} needs torch, which is not installed: {CURE}"
+    assert ended(tmp_path, command) == (EXIT_BAD_INPUT, [said])
+
+
+@pytest.mark.parametrize("command", ["view head.nrrd", "view", "bench page"])
+def test_the_page_names_its_extra(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _hide(PAGE_LIBRARIES, tmp_path, monkeypatch)
+    said = "volsplat: the page needs nicegui, which is not installed: pip install 'volsplat[ui]'"
     assert ended(tmp_path, command) == (EXIT_BAD_INPUT, [said])
 
 

@@ -26,8 +26,8 @@ from support.pages import patient_http
 from support.patience import PATIENCE
 from volsplat.client.ui.doors.admission import Admission, Asked, Refused
 from volsplat.client.ui.doors.gate import Gate
-from volsplat.client.ui.doors.page_policy import StrictHeaders
 from volsplat.client.ui.doors.peer_owner import PeerOwner
+from volsplat.client.ui.doors.strict_answers import StrictHeaders
 from volsplat.client.ui.doors.tcp_sockets import tcp_sockets
 
 LARGEST = 1000
