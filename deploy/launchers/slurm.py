@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import stat
 import subprocess
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +19,7 @@ from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
 
 SLURM_SECONDS = 60.0  # for one command: a controller that is busy lets them wait
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 OWN_CORES = '--threads "$SLURM_CPUS_ON_NODE"'  # of the job, wherever it runs
 # A job that Slurm will run again is completing until it has left its node.
 WAITING = {"PENDING", "CONFIGURING", "COMPLETING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "RESV_DEL_HOLD"}
@@ -71,12 +73,18 @@ class SlurmLauncher:
         return self._folder / "token"
 
     def _make_folder(self) -> None:
-        try:
-            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        except OSError as error:
-            raise BadInput(
-                f"{self._folder} cannot be made: {error.strerror}; give slurm.folder, which the nodes see as well"
-            ) from error
+        """The folder, and the one that it lies in: whoever could put files there would have the token."""
+        for folder in (self._folder.parent, self._folder):
+            try:
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                found = folder.lstat()
+                if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & OTHERS_WRITE:
+                    raise BadInput(f"{folder} is not a folder that you alone may write to; remove it or chmod 700 it")
+                folder.chmod(0o700)
+            except OSError as error:
+                raise BadInput(
+                    f"{folder} cannot be made: {error.strerror}; give slurm.folder, which the nodes see as well"
+                ) from error
 
     def _write_token(self, secrets: Secrets) -> None:
         """All at once: another machine of the cluster may share the folder."""
