@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from volsplat.client.caller.whole_torch import load_torch
 from volsplat.client.coordinator.coordinator_events import ImagePart
-from volsplat.program.extras import need
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,7 +61,7 @@ class PublishedImage:
     @cached_property
     def tensor(self) -> Tensor:
         """Over the same memory. Raises BadInput without the extra [torch]."""
-        need("torch", "an image as a tensor", "torch")
-        import torch  # takes more than a second, so that only who asks for a tensor pays for it
+        load_torch("an image as a tensor")
+        import torch
 
         return torch.frombuffer(self.memory, dtype=torch.float32).reshape(self.height, self.width, 4)

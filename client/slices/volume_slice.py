@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from volsplat.program.extras import need
+from volsplat.client.caller.whole_torch import load_torch
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.frame_messages import ProbedVoxel
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -73,7 +73,7 @@ class VolumeSlice:
     @property
     def tensor(self) -> Tensor:
         """The densities. Raises PeerLost if a part is missing, BadInput without the extra [torch]."""
-        need("torch", "a slice as a tensor", "torch")
+        load_torch("a slice as a tensor")
         import torch
 
         if not self.held.all():

@@ -6,6 +6,7 @@ vs.plot("head.nrrd")
 vs.render(array, rotation="front").save("front.png")
 """
 
+import concurrent.futures.thread  # noqa: F401  what torch and zarr import, too: no thread can once the main one has ended
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:

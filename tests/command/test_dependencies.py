@@ -28,6 +28,7 @@ MAY_USE = {
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},
+    "client/caller/whole_torch.py": {ALWAYS, "torch"},
     "client/export/mesh.py": {ALWAYS, "export"},
     "client/figure/pdf_file.py": {ALWAYS, "pdf", "pillow"},  # which reportlab brings
     "client/memory/known_arrays.py": {

@@ -88,3 +88,29 @@ def test_a_command_that_becomes_a_program_is_interrupted_in_a_line(tmp_path: Pat
     command.send_signal(signal.SIGINT)
     _, said = command.communicate(timeout=PATIENCE)
     assert (command.returncode, said) == (130, "volsplat: interrupted\n")
+
+
+STOPPED_AMID = """
+import signal, sys
+import numpy
+from volsplat.client.session.published_image import PublishedImage
+
+class Stops:  # who presses Ctrl-C when torch is half there
+    def find_spec(self, name, path=None, target=None):
+        if name == "torch.nn.modules" and self in sys.meta_path:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Stops())
+image = PublishedImage.of(numpy.zeros((2, 3, 4)))
+try:
+    image.tensor
+    print("done")
+except KeyboardInterrupt:
+    print("stopped", tuple(image.tensor.shape))
+"""
+
+
+def test_a_first_picture_that_is_stopped_leaves_torch_fit_for_the_next() -> None:
+    done = subprocess.run([sys.executable, "-c", STOPPED_AMID], capture_output=True, encoding="utf-8", timeout=PATIENCE)
+    assert (done.stdout, done.stderr) == ("stopped (2, 3, 4)\n", "")
