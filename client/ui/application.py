@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager, contextmanager
 import nicegui
 import uvicorn
 from fastapi import FastAPI
-from nicegui import Client, context, core, ui
+from nicegui import Client, context, core, run, ui
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -181,7 +181,7 @@ class Application:
     def run(self, on_ready: Callable[[], None]) -> None:
         """Serve; `on_ready` is called once the port is open. What Ctrl-C and its like raise is raised at the end."""
         self._on_ready = on_ready
-        with interrupts_held(self._end):
+        with interrupts_held(self._end), _without_processes():
             if _a_loop_runs_here():
                 with ThreadPoolExecutor(1, "page") as apart:
                     apart.submit(self._server.run, [self._bound]).result()
@@ -252,6 +252,17 @@ def _begin_anew() -> None:
     core.app.user_middleware.clear()
     core.app.middleware_stack = None
     core.sio.eio.start_service_task = True  # the one that was started has ended with its loop
+
+
+@contextmanager
+def _without_processes() -> Iterator[None]:
+    """Without the pool for them that NiceGUI starts with: nothing here uses it, and it needs room in /dev/shm."""
+    setup = run.setup
+    run.setup = lambda: None
+    try:
+        yield
+    finally:
+        run.setup = setup
 
 
 def _a_loop_runs_here() -> bool:
