@@ -7,6 +7,7 @@ are Python's own, as they will come out of a message on the servers' side.
 import math
 import operator
 import os
+from collections.abc import Iterable
 from enum import StrEnum
 from numbers import Real
 from pathlib import Path
@@ -16,6 +17,7 @@ import msgspec
 
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
@@ -25,6 +27,7 @@ MAKE_A_SCENE = (
     "a preset's"
 )
 GRID_AXES = ("i", "j", "k")
+MOST_OCTAVES = 64  # more leave nothing of any volume, and are refused with its step
 _SHOWN = 60  # characters of a value that is refused
 _Word = TypeVar("_Word", bound=StrEnum)
 
@@ -39,9 +42,30 @@ def checked_scene(scene: Scene) -> Scene:
         raise BadInput(f"the scene cannot be drawn: {' '.join(str(error).split())}") from None
 
 
-def checked_step(step: Step, name: str = "step") -> Step:
+def checked_step(step: Step | str, name: str = "step") -> Step:
     """One of A to G; its letter will do. Raises BadInput."""
     return _checked_word(step, Step, name)
+
+
+def checked_steps(steps: Iterable[Step | str], name: str) -> frozenset[Step]:
+    """Steps, each as `checked_step` takes it. Raises BadInput."""
+    try:
+        each = list(steps)
+    except TypeError:
+        raise BadInput(f"{name} must be steps, as (Step.F,), not {_shown(steps)}") from None
+    return frozenset(checked_step(step, name) for step in each)
+
+
+def checked_thinning(thinning: Thinning, name: str = "thinning") -> Thinning:
+    """With Python's own numbers. Raises BadInput; whether so much can be left out, the step and the volume decide."""
+    if not isinstance(thinning, Thinning):
+        raise BadInput(f"{name} must be a Thinning, as Thinning(octaves=1), not {_shown(thinning)}")
+    return Thinning(
+        min(checked_place(thinning.octaves, f"{name}.octaves"), MOST_OCTAVES),
+        checked_count(thinning.sheets, f"{name}.sheets"),
+        checked_count(thinning.rows, f"{name}.rows"),
+        checked_number(thinning.frozen_alpha, f"{name}.frozen_alpha", least=0.0),
+    )
 
 
 def checked_number(value: float, name: str, least: float | None = None) -> float:
@@ -120,7 +144,7 @@ def checked_address(address: Address | str, name: str) -> Address:
     raise BadInput(f"{name} must be an Address or HOST:PORT, not {_shown(address)}")
 
 
-def _checked_word(value: _Word, words: type[_Word], name: str) -> _Word:
+def _checked_word(value: _Word | str, words: type[_Word], name: str) -> _Word:
     try:
         return words(value)
     except ValueError:

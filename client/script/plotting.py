@@ -70,7 +70,7 @@ def render(
     size=300, rotation="front". With a Figure it is that, of its size in print. Draws in this process; a Session is
     quicker for many images. Raises BadInput.
     """
-    step = checked_step(step)  # type: ignore[arg-type]
+    step = checked_step(step)
     if isinstance(volume, Session | SingleProcess):
         return _rendered(volume, scene, step, figure, changes)
     with SingleProcess(volume, threads=usable_cores()) as renderer:

@@ -42,7 +42,10 @@ log = logging.getLogger(__name__)
 
 
 class Coordination:
-    """Any thread may tell events, ask and wait; `on_progress` and `on_loss` are called on the coordinator's thread."""
+    """Any thread may tell events, ask and wait; `on_progress` and `on_loss` are called on the coordinator's thread.
+
+    What they raise is logged, and the session goes on.
+    """
 
     def __init__(
         self, tracer: FrameTracer | None, on_progress: Callable[[str], None], on_loss: Callable[[str], None]
@@ -139,7 +142,7 @@ class Coordination:
                 for instruction in self._coordinator.handle(event):
                     if not self._has_left:  # `on_progress` or `on_loss` may have ended it
                         self._carry_out(self._traced(instruction, began), links)
-        except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
+        except Exception as error:  # an internal error: whoever waits must hear of it
             log.exception("the session cannot go on")
             self.fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
         self._take_leave(links)
@@ -167,10 +170,10 @@ class Coordination:
             case CutOff(server, cause):
                 links.cut_off(server, cause)
             case ReportProgress(text):
-                self._on_progress(text)
+                _tell_caller(self._on_progress, text)
             case ReportLoss(text):
-                self._on_progress(text)
-                self._on_loss(text)
+                _tell_caller(self._on_progress, text)
+                _tell_caller(self._on_loss, text)
             case PublishVolume(volume):
                 self._volume = volume
                 self._volume_known.set()
@@ -180,3 +183,10 @@ class Coordination:
                 self._answers.give(instruction)
             case FailSession(error):
                 self.fail(error)
+
+
+def _tell_caller(tell: Callable[[str], None], text: str) -> None:
+    try:
+        tell(text)
+    except Exception:  # it is a stranger's
+        log.exception("on_progress or on_loss has failed at: %s", text)

@@ -31,6 +31,8 @@ from volsplat.client.caller.arguments import (
     checked_place,
     checked_scene,
     checked_step,
+    checked_steps,
+    checked_thinning,
     checked_volume,
 )
 from volsplat.client.caller.interrupts import interrupts_held
@@ -234,7 +236,7 @@ class Session:
         """A scene chosen from the data."""
         return self.volume.default_scene()
 
-    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+    def render(self, scene: Scene, step: Step | str = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
 
         Raises BadInput if the scene does not fit the volume or torch is not installed, PeerLost if a server is gone
@@ -242,7 +244,7 @@ class Session:
         """
         return self.finish(scene, step).image
 
-    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+    def finish(self, scene: Scene, step: Step | str = Step.F) -> Refinement:
         """As `render`, with what it took."""
         self._check_has_volume()
         return self._images.finish(checked_scene(scene), checked_step(step))
@@ -250,10 +252,10 @@ class Session:
     def refine(
         self,
         scene: Scene,
-        last: Step = Step.F,
+        last: Step | str = Step.F,
         partial_interval: float = PARTIAL_INTERVAL,
-        first: Step = Step.A,
-        exact: Collection[Step] = ALL_STEPS,
+        first: Step | str = Step.A,
+        exact: Collection[Step | str] = ALL_STEPS,
         thinning: Thinning = ALL_VOXELS,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
@@ -272,8 +274,9 @@ class Session:
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
+        steps, thinning = checked_steps(exact, "exact"), checked_thinning(thinning)
         self._check_has_volume()
-        return self._opened_by.checked(self._images.refine(scene, first, last, interval, exact, thinning))
+        return self._opened_by.checked(self._images.refine(scene, first, last, interval, steps, thinning))
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.

@@ -24,6 +24,7 @@ from volsplat.client.caller.arguments import (
     checked_place,
     checked_scene,
     checked_step,
+    checked_steps,
     checked_volume,
 )
 from volsplat.client.caller.own_process import OwnProcess
@@ -165,11 +166,11 @@ class SingleProcess:
         """Why this level of a prepared volume is held, once something was drawn of it; "" if there is only one."""
         return self._why_level
 
-    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+    def render(self, scene: Scene, step: Step | str = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput, also without torch."""
         return self.finish(scene, step).image
 
-    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+    def finish(self, scene: Scene, step: Step | str = Step.F) -> Refinement:
         """As `render`, with what it took."""
         scene, step = checked_scene(scene), checked_step(step)
         with self._drawing:
@@ -179,10 +180,10 @@ class SingleProcess:
     def refine(
         self,
         scene: Scene,
-        last: Step = Step.F,
+        last: Step | str = Step.F,
         partial_interval: float = PARTIAL_INTERVAL,
-        first: Step = Step.A,
-        exact: Collection[Step] = ALL_STEPS,
+        first: Step | str = Step.A,
+        exact: Collection[Step | str] = ALL_STEPS,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
@@ -192,6 +193,7 @@ class SingleProcess:
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = checked_number(partial_interval, "partial_interval", least=0.0)
+        checked_steps(exact, "exact")
         return self._refined(scene, first, last, interval)
 
     def _refined(self, scene: Scene, first: Step, last: Step, partial_interval: float) -> Iterator[Refinement]:

@@ -17,6 +17,7 @@ from volsplat.client.image.image_file import write_image
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Bounds, Image, Order, Quantise, Scene, Step, View
 from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 __all__ = ["head", "single"]
@@ -107,6 +108,7 @@ BAD: dict[str, tuple[Callable[[Renderer, Scene], object], str]] = {
     "no step": (lambda r, scene: r.finish(scene, other(None)), "step must be one of"),
     "no first step": (lambda r, scene: r.refine(scene, first=other(None)), "first must be one of"),
     "no last step": (lambda r, scene: r.refine(scene, last=other("last")), "last must be one of"),
+    "no exact steps": (lambda r, scene: r.refine(scene, exact=other(1)), "exact must be steps"),
     "a text as interval": (lambda r, scene: r.refine(scene, partial_interval=other("1")), "partial_interval"),
     "a negative interval": (lambda r, scene: r.refine(scene, partial_interval=-1), "partial_interval"),
     "no interval": (lambda r, scene: r.refine(scene, partial_interval=float("nan")), "partial_interval"),
@@ -118,6 +120,27 @@ BAD: dict[str, tuple[Callable[[Renderer, Scene], object], str]] = {
     "a voxel before it": (lambda r, scene: r.file_voxel((-1, 0, 0)), "there is no voxel .-1, 0, 0. in a volume"),
     "a point in a text": (lambda r, scene: r.probe(other("front"), 0, 0), "a Scene is wanted"),
 }
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"thinning": 1}, r"thinning must be a Thinning, as Thinning\(octaves=1\), not the int 1"),
+        ({"thinning": None}, "thinning must be a Thinning"),
+        ({"thinning": Thinning(octaves=other("a"))}, "thinning.octaves must be a whole number from 0 on"),
+        ({"thinning": Thinning(octaves=10**12)}, "strides must be 1 to 4"),
+        ({"thinning": Thinning(rows=0)}, "thinning.rows must be 1 or more"),
+        ({"thinning": Thinning(frozen_alpha=other("all"))}, "thinning.frozen_alpha must be a number"),
+        ({"exact": None}, r"exact must be steps, as \(Step.F,\), not the NoneType None"),
+        ({"exact": ("F", "Z")}, "exact must be one of A, B, C, D, E, F, G, not the str 'Z'"),
+    ],
+)
+def test_what_refinement_cannot_go_by_is_refused_and_the_session_goes_on(
+    session: Session, single: SingleProcess, options: Any, told: str
+) -> None:
+    with pytest.raises(BadInput, match=told):
+        list(session.refine(skin(session), **options))
+    assert torch.equal(session.render(skin(single), "D"), single.render(skin(single), "D"))
 
 
 def _zoomed_late(scene: Scene, zoom: Any) -> Scene:

@@ -225,12 +225,24 @@ def test_a_server_may_die_at_any_moment_and_all_is_drawn(
 
 
 def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
+    with Session(head, workers=1, spawn=False) as session:
+        session._coordination.tell("no event")  # type: ignore[arg-type]
+        with pytest.raises(VolsplatError, match="the session cannot go on: "):
+            session.volume  # noqa: B018
+
+
+def test_a_mistake_of_the_callers_is_logged_and_the_session_goes_on(
+    head: Path, single: SingleProcess, caplog: pytest.LogCaptureFixture
+) -> None:
     def fail(text: str) -> None:
         raise RuntimeError("a progress bar broke")
 
-    with Session(head, workers=1, on_progress=fail) as session:
-        with pytest.raises(VolsplatError, match="a progress bar broke"):
-            session.volume  # noqa: B018
+    with Session(head, workers=2, on_progress=fail, on_loss=fail) as session:
+        assert torch.equal(session.render(skin(session)), single.render(skin(single)))
+        psutil.Process(session.server_processes[0]).kill()
+        wait_until(lambda: any(server.lost for server in session.servers), "is a server lost")
+        assert torch.equal(session.render(skin(session)), single.render(skin(single)))
+    assert "a progress bar broke" in caplog.text and "on_progress or on_loss has failed at: " in caplog.text
 
 
 def test_an_image_that_the_memory_does_not_hold_is_waited_for_by_nobody(

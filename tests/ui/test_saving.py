@@ -184,7 +184,7 @@ class Gated(SingleProcess):
         self.asked = threading.Semaphore(0)
         self.let = threading.Semaphore(0)
 
-    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+    def finish(self, scene: Scene, step: Step | str = Step.F) -> Refinement:
         self.asked.release()
         assert self.let.acquire(timeout=PATIENCE)
         return super().finish(scene, step)
