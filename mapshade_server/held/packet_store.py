@@ -30,31 +30,38 @@ indices of shards the CRC-32C that Zarr gives them. What was changed since is re
 
 import errno
 import json
+import math
 import os
 import zlib
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.held.level_columns import LevelColumns
+from volsplat.mapshade_server.held.level_columns import ROW, LevelColumns, columns_of
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import bounded_codecs
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import files_of_arrays
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import PACKET_STORE, folder_store
-from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
-from volsplat.protocol.rules.index_rules import ROUGH_NO_GRADIENT, Quantisation, Survey
-from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, ROUGH_NO_GRADIENT, Quantisation, Survey
+from volsplat.protocol.rules.packet_layout import (
+    DIRECTION_SHIFT,
+    MOST_MIXTURE_ENTRIES,
+    NO_DATA_BIT,
+    VOXEL_PACKET_BYTES,
+)
 from volsplat.protocol.text.errors import BadInput
 
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
@@ -97,7 +104,7 @@ class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):
     survey: Survey
     quantisation: Quantisation
     background: int  # the packet of all voxels in bricks of level 0 that are not stored
-    levels: tuple[StoredLevel, ...]
+    levels: Annotated[tuple[StoredLevel, ...], msgspec.Meta(min_length=1)]
 
     def background_at(self, level: int) -> int:
         """The background of a level: it has no gradient, which coarser ones say in another code."""
@@ -123,22 +130,24 @@ class PacketStore:
         self.levels = tuple(level.geometry for level in attributes.levels)
         self._paths = [level.path for level in attributes.levels]
         self._arrays = [self._packets(level, attributes.background_at(n)) for n, level in enumerate(attributes.levels)]
+        self._check_bricks()
         self._bricks: dict[int, NDArray[np.uint8]] = {}
         self._mixtures: dict[int, LevelMixture] = {}
 
     @cached_property
     def density_counts(self) -> list[int]:
-        counts: list[int] = self._whole(DENSITY_COUNTS).tolist()
+        counts: list[int] = self._whole(DENSITY_COUNTS, (HISTOGRAM_BINS,), np.int64).tolist()
         return counts
 
     @cached_property
     def strength_counts(self) -> list[int]:
-        counts: list[int] = self._whole(STRENGTH_COUNTS).tolist()
+        counts: list[int] = self._whole(STRENGTH_COUNTS, (HISTOGRAM_BINS,), np.int64).tolist()
         return counts
 
     @cached_property
     def extremes(self) -> BlockExtremes:
-        return BlockExtremes.of_bytes(self._whole(BLOCKS).tobytes())
+        shape = (2, *block_dims(self.levels[0].dims)[::-1])
+        return BlockExtremes.of_bytes(self._whole(BLOCKS, shape, np.float64).tobytes())
 
     @property
     def files(self) -> Sequence[VolumeFile]:
@@ -169,7 +178,8 @@ class PacketStore:
     def bricks(self, level: int) -> NDArray[np.uint8]:
         """What each brick holds: (bk, bj, bi, BRICK_FIELDS), see the module. For leaving out what cannot be seen."""
         if level not in self._bricks:
-            self._bricks[level] = self._whole(f"{BRICKS}/{self._paths[level]}")
+            shape = (*(-(-n // self.brick_size) for n in self.levels[level].dims[::-1]), BRICK_FIELDS)
+            self._bricks[level] = self._whole(f"{BRICKS}/{self._paths[level]}", shape, np.uint8)
         return self._bricks[level]
 
     def mixture(self, level: int) -> LevelMixture | None:
@@ -183,9 +193,11 @@ class PacketStore:
 
     def _mixture(self, name: str, finer: LevelMixture | None, columns: LevelColumns) -> LevelMixture:
         path = f"{MIXTURES}/{name}"
-        written = self._whole(path)
+        entries = self._array(path).shape[-1:]
+        if entries > (MOST_MIXTURE_ENTRIES,):
+            raise self._damaged(f"{path}/{METADATA}", "is not what was written")
+        steps, counts = self._whole(path, (2, *entries), np.uint64)
         try:
-            steps, counts = written
             keys = np.cumsum(steps)
             return LevelMixture(finer, np.minimum(keys, NO_KEY).astype(np.uint32), counts, columns)
         except (ValueError, TypeError):
@@ -194,8 +206,9 @@ class PacketStore:
     def _columns(self, level: int) -> LevelColumns:
         path = f"{COLUMNS}/{self._paths[level]}"
         volume, finer, own = (self.levels[n] for n in (0, level - 1, level))
+        rows = self._whole(path, (columns_of(own.dims)[-1].end, ROW), np.uint32)
         try:
-            return LevelColumns(volume, finer, own, self._whole(path))
+            return LevelColumns(volume, finer, own, rows)
         except ValueError:
             raise self._damaged(path, "is not what was written") from None
 
@@ -230,18 +243,30 @@ class PacketStore:
             raise self._damaged(f"{level.path}/{METADATA}", "is not what was written")
         return array
 
+    def _check_bricks(self) -> None:
+        """Raises BadInput unless all levels lie in shards of bricks of one size, which fit the level."""
+        for path, array in zip(self._paths, self._arrays, strict=True):
+            if array.shards is None or array.chunks != (self.brick_size,) * 3:
+                raise self._damaged(f"{path}/{METADATA}", "is not what was written")
+            check_promise(f"{self._place}/{path}", math.prod(array.shards) * VOXEL_PACKET_BYTES, array.nbytes)
+
     def _array(self, path: str) -> Any:
         try:
             with bounded_codecs():
-                return self._group[path]
+                found = self._group[path]
         except KeyError:
             raise self._damaged(path, "is missing") from None
         except (OSError, ValueError, TypeError, RuntimeError) as error:
             raise self._unread(f"{path}/{METADATA}", error) from None
+        if not hasattr(found, "shape"):
+            raise self._damaged(path, "is a group")
+        return found
 
-    def _whole(self, path: str) -> NDArray[Any]:
-        """An array that lies in one file."""
+    def _whole(self, path: str, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+        """An array that lies in one file. What its document says is under no checksum, so that it is compared first."""
         array = self._array(path)
+        if (array.shape, array.chunks, array.dtype) != (shape, shape, dtype):
+            raise self._damaged(f"{path}/{METADATA}", "is not what was written")
         name = "/".join([path, "c", *["0"] * array.ndim])
         self._check_is_there(name)
         values: NDArray[Any] = self._read(name, array, ...)

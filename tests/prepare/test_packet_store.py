@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -179,6 +180,8 @@ def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: 
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
+    with pytest.raises(BadInput, match="attributes are damaged"):
+        open_store(changed(place, tmp_path / "without.zarr", levels=[]))
 
 
 def test_damaged_shards_and_missing_arrays_are_refused_in_one_line(place: Path, tmp_path: Path) -> None:
@@ -228,8 +231,63 @@ def test_columns_of_another_level_are_refused(place: Path, tmp_path: Path) -> No
     shutil.copytree(place, copy)
     shutil.rmtree(copy / "columns" / "1")
     shutil.copytree(copy / "columns" / "2", copy / "columns" / "1")
-    with pytest.raises(BadInput, match="its columns/1 is not what was written; delete it"):
+    with pytest.raises(BadInput, match=r"its columns/1/zarr\.json is not what was written; delete it"):
         open_store(str(copy)).mixture(1)
+
+
+def a_thousand_times_larger(document: dict[str, Any]) -> None:
+    document["shape"] = [1000 * length for length in document["shape"]]
+    document["chunk_grid"]["configuration"]["chunk_shape"] = document["shape"]
+
+
+def in_several_chunks(document: dict[str, Any]) -> None:
+    chunks = document["chunk_grid"]["configuration"]["chunk_shape"]
+    chunks[0] = max(chunks[0] // 2, 1)
+    document["shape"][0] = chunks[0] * 2
+
+
+def of_another_type(document: dict[str, Any]) -> None:
+    document["data_type"] = "float32"
+
+
+def a_group(document: dict[str, Any]) -> None:
+    document.clear()
+    document.update(zarr_format=3, node_type="group", attributes={})
+
+
+@pytest.mark.parametrize("change", [a_thousand_times_larger, in_several_chunks, of_another_type, a_group])
+@pytest.mark.parametrize("array", ["histograms/density", "blocks", "bricks/0", "mixtures/1", "columns/1", "0", "1"])
+def test_what_a_document_says_of_its_array_is_what_the_store_says(
+    array: str, change: Callable[[dict[str, Any]], None], place: Path, tmp_path: Path
+) -> None:
+    """No checksum is over it, and it decides how much memory is taken."""
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(place, copy)
+    document = json.loads((copy / array / "zarr.json").read_text(encoding="utf-8"))
+    change(document)
+    (copy / array / "zarr.json").write_text(json.dumps(document))
+    with pytest.raises(BadInput, match=f"its {array}(/zarr.json is not what was written| is a group); delete it"):
+        readings(open_store(str(copy)))[array]()
+
+
+@pytest.mark.parametrize("level", ["0", "1"])
+def test_levels_without_shards_or_of_other_bricks_are_refused(level: str, place: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(place, copy)
+    array = zarr.open_group(copy)[level]
+    assert isinstance(array, zarr.Array) and array.shards is not None
+    for chunks, shards in ((array.chunks, None), ((8, 8, 4), array.shards)):
+        zarr.create_array(
+            copy / level,
+            shape=array.shape,
+            chunks=chunks,
+            shards=shards,
+            dtype="uint32",
+            fill_value=array.fill_value,
+            overwrite=True,
+        )
+        with pytest.raises(BadInput, match=rf"its {level}/zarr\.json is not what was written; delete it"):
+            open_store(str(copy))
 
 
 REFLECTED = (np.full((65536, 7), 0.1),) * 2
