@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.image.embedded_picture import SVG, embedded_png
 from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
-from volsplat.client.image.temporary_name import behind_links, temporary_name
+from volsplat.client.image.temporary_name import behind_links
+from volsplat.client.image.whole_file import whole_file
 from volsplat.protocol.description.scene import Colour, Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
@@ -222,47 +223,43 @@ def _opened(path: Path) -> "oiio.ImageInput":
 
 
 def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> None:
-    """Write beside the target, then rename: whoever looks finds the old file or the new one."""
-    target = behind_links(path)
-    check_utf8(target)
-    temporary = temporary_name(target)
+    """Write apart, and to the path once all is there."""
+    check_utf8(behind_links(path))
     try:
-        with _place_for_library(temporary) as place:
-            said = _write_to(temporary, place, spec, blocks)
-            if said is None and place != str(temporary):
-                shutil.copyfile(place, temporary)
-        if said is not None or not _is_ended(temporary, spec.height):
-            raise BadInput(f"{path}: cannot write the image: {_system_s_reason(temporary) or said or _CUT_OFF}")
-        os.replace(temporary, target)
+        with _file_for_library(path) as made:
+            said = _write_to(path, made, spec, blocks)
+            if said is not None or not _is_ended(made, path.suffix.lower(), spec.height):
+                raise BadInput(f"{path}: cannot write the image: {_system_s_reason(made) or said or _CUT_OFF}")
+            with whole_file(path, "cannot write the image") as file, made.open("rb") as image:
+                shutil.copyfileobj(image, file)
     except OSError as error:
         raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def _place_for_library(path: Path) -> Iterator[str]:
+def _file_for_library(path: Path) -> Iterator[Path]:
     """Where OpenImageIO writes what is to lie at `path`: in memory, if the system has files there.
 
     Libraries are not to be trusted with a disk that fills up: libjpeg ends the process, the others may say nothing of
     what they could not write at the end, or of a hole in the middle if there was room again.
     """
     if not hasattr(os, "memfd_create"):
-        yield str(path)
+        with tempfile.NamedTemporaryFile(prefix="volsplat-", suffix=path.suffix) as file:
+            yield Path(file.name)
         return
-    memory = os.memfd_create(path.name)
+    memory = os.memfd_create("image")
     try:
-        yield f"/proc/self/fd/{memory}"
+        yield Path(f"/proc/self/fd/{memory}")
     finally:
         os.close(memory)
 
 
-def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> str | None:
-    """None if it went well, else what the library says of it."""
+def _write_to(path: Path, made: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> str | None:
+    """None if it went well, else what the library says of it. The format is that of the path's name."""
     output = oiio.ImageOutput.create(str(path))
     if output is None:
         return _one_line(oiio.geterror())
-    written, row = output.open(place, spec), 0
+    written, row = output.open(str(made), spec), 0
     for block in blocks if written else ():
         written = output.write_scanlines(row, row + len(block), 0, block) and written
         row += len(block)
@@ -283,13 +280,13 @@ def _system_s_reason(path: Path) -> str:
     return ""
 
 
-def _is_ended(path: Path, height: int) -> bool:
+def _is_ended(made: Path, kind: str, height: int) -> bool:
     """Whether a file that OpenImageIO is content with has its end."""
-    if (end := _ENDS.get(path.suffix.lower())) is not None:
-        with path.open("rb") as file:
-            file.seek(max(path.stat().st_size - len(end), 0))
+    if (end := _ENDS.get(kind)) is not None:
+        with made.open("rb") as file:
+            file.seek(max(made.stat().st_size - len(end), 0))
             return file.read() == end
-    opened = oiio.ImageInput.open(str(path))
+    opened = oiio.ImageInput.open(str(made))
     if opened is None:
         return False
     try:

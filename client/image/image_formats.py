@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from volsplat.client.image.temporary_name import behind_links, temporary_name
+from volsplat.client.image.whole_file import is_stream
 from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
@@ -61,6 +62,8 @@ def check_place(path: Path) -> None:
         raise BadInput(f"{path}: is a folder; give the name of a file")
     if path.exists() and not os.access(path, os.W_OK):
         raise BadInput(f"{path}: the file there is write-protected; give another name")
+    if is_stream(path):
+        return
     folder = behind_links(path).parent
     if not folder.is_dir():
         raise BadInput(f"{path}: there is no folder {folder}; make it first")

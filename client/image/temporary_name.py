@@ -6,6 +6,7 @@ import re
 import secrets
 import shutil
 import socket
+import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,6 +25,14 @@ def temporary_name(path: Path) -> Path:
     """
     _sweep(path.parent)
     return path.with_name(f"{PREFIX}-{_machine()}-{os.getpid()}-{secrets.token_hex(8)}{path.suffix.lower()}")
+
+
+def take_mode(written: Path, target: Path) -> None:
+    """Let those into a file that is to take another's place, if there is one, who are let into that. Raises OSError."""
+    with suppress(FileNotFoundError):
+        mode = stat.S_IMODE(target.stat().st_mode)
+        if stat.S_IMODE(written.stat().st_mode) != mode:  # some file systems have one mode, which nobody may set
+            written.chmod(mode)
 
 
 def _sweep(folder: Path) -> None:

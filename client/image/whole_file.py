@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from volsplat.client.image.temporary_name import behind_links, temporary_name
+from volsplat.client.image.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.open_streams import stream_number, to_open
 
@@ -20,12 +20,16 @@ def whole_file(path: Path, refused: str = "cannot be written") -> Iterator[Binar
     A pipe, a device, and what is open already, such as /dev/stdout, are written into. Raises BadInput if it cannot be
     written, as on a full disk: the path, what is `refused` and the system's words.
     """
-    replaced = stream_number(path) is None and (path.is_file() or not path.exists())
     try:
-        with _replacing(path) if replaced else open(to_open(path), "wb") as file:
+        with open(to_open(path), "wb") if is_stream(path) else _replacing(path) as file:
             yield file
     except OSError as error:
         raise BadInput(f"{path}: {refused}: {error.strerror or error}") from error
+
+
+def is_stream(path: Path) -> bool:
+    """Whether it is written into where it is, since nothing can take its place."""
+    return stream_number(path) is not None or path.exists() and not path.is_file()
 
 
 @contextmanager
@@ -34,6 +38,7 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
     temporary = temporary_name(target)
     try:
         with temporary.open("wb") as file:
+            take_mode(temporary, target)
             yield file
         os.replace(temporary, target)
     finally:

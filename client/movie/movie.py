@@ -25,7 +25,7 @@ from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.frame_figure import FrameFigure
 from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.image.temporary_name import behind_links, temporary_name
+from volsplat.client.image.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
@@ -136,6 +136,8 @@ def _video(
     with tempfile.TemporaryFile() as complaints:  # never full, as a pipe that nobody reads would be
         try:
             with interrupts_held():
+                temporary.touch()
+                take_mode(temporary, target)
                 # A session of its own: Ctrl-C ends it by way of this process, which knows what to say.
                 ffmpeg = subprocess.Popen(
                     command,

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 from volsplat.client.image.image_formats import check_place
+from volsplat.client.image.whole_file import is_stream
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 
@@ -38,6 +39,8 @@ def check_movie_writable(path: Path) -> None:
         _check_folder(path)
         return
     check_place(path)
+    if is_stream(path):
+        raise BadInput(f"{path}: ffmpeg writes no movie into a pipe or a device; give the name of a file")
     if shutil.which("ffmpeg") is None:
         raise BadInput(
             f"{path}: {path.suffix} files are written by ffmpeg, which is not installed here; install it (Debian and "

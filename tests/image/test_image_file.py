@@ -3,6 +3,7 @@
 import base64
 import os
 import resource
+import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -149,6 +150,28 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     write(tmp_path / "link.png", picture(), SCENE)
     assert (tmp_path / "link.png").is_symlink()
     assert read_scene(tmp_path / "image.png") == SCENE
+
+
+@pytest.mark.parametrize("kind", DEPTHS)
+def test_a_pipe_gets_the_bytes_of_a_file_and_stays_a_pipe(tmp_path: Path, kind: str) -> None:
+    pipe, file = tmp_path / f"pipe{kind}", tmp_path / f"file{kind}"
+    os.mkfifo(pipe)
+    with open(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK), "rb") as reading:
+        for path in (pipe, file):
+            write(path, picture(), SCENE)
+        assert reading.read() == file.read_bytes()
+    assert pipe.is_fifo() and len(os.listdir(tmp_path)) == 2
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o666])
+def test_whom_an_old_image_was_hidden_from_does_not_see_the_new_one(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "image.png"
+    path.touch()
+    path.chmod(mode)
+    (tmp_path / "link.png").symlink_to(path)
+    for name in ("image.png", "link.png"):
+        write(tmp_path / name, picture(), SCENE)
+        assert stat.S_IMODE(path.stat().st_mode) == mode
 
 
 def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

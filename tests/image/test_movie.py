@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -170,7 +171,9 @@ def test_a_folder_with_a_colon_is_no_protocol(
 @needs_ffmpeg
 def test_a_new_film_takes_the_place_of_an_old_one(single: SingleProcess, tmp_path: Path) -> None:
     (tmp_path / "turn.mp4").write_bytes(b"an older film")
+    (tmp_path / "turn.mp4").chmod(0o600)
     written(single, scenes_of(single), tmp_path / "turn.mp4")
+    assert stat.S_IMODE((tmp_path / "turn.mp4").stat().st_mode) == 0o600, "whom the old one was hidden from sees it"
     assert len(film_frames(tmp_path / "turn.mp4", 64, 48)) == FRAMES
     assert os.listdir(tmp_path) == ["turn.mp4"]
 
@@ -286,7 +289,9 @@ def test_an_ffmpeg_that_is_content_too_early_is_not_believed(
 
 def test_what_cannot_be_written_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
+    os.mkfifo(tmp_path / "pipe.mp4")
     for name, cause in {
+        "pipe.mp4": "ffmpeg writes no movie into a pipe or a device; give the name of a file",
         "turn.avi": r"cannot write this kind of movie; end the name in .mp4 or .webm, or give a folder \(no dot\)",
         "file": "cannot write this kind of movie",
         "absent/turn.mp4": "there is no folder .*absent; make it first",
@@ -295,7 +300,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is_drawn(tmp_path: Pa
     }.items():
         with pytest.raises(BadInput, match=f"{name}: {cause}"):
             check_movie_writable(tmp_path / name)
-    assert os.listdir(tmp_path) == ["file"]
+    assert sorted(os.listdir(tmp_path)) == ["file", "pipe.mp4"]
 
 
 def test_scenes_of_two_sizes_make_no_movie(single: SingleProcess, tmp_path: Path) -> None:
