@@ -5,6 +5,7 @@ What is shared is an open file without a name: it is gone with the last process 
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Sequence
@@ -15,7 +16,9 @@ import numpy as np
 
 from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.memory.array_source import ArraySource
+from volsplat.client.memory.given_words import letters, numbers, unit_of, words
 from volsplat.client.memory.known_arrays import source_of
+from volsplat.client.memory.library_errors import library_errors
 from volsplat.client.memory.shared_memory import SharedMemory, copied_memory, shared_memory
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.shared_array import PAGE_BYTES, header_bytes, shared_array
@@ -24,11 +27,8 @@ from volsplat.protocol.text.errors import BadInput
 
 LPS = {"L": (0, 1.0), "R": (0, -1.0), "P": (1, 1.0), "A": (1, -1.0), "S": (2, 1.0), "I": (2, -1.0)}
 PATIENT_KINDS = (Kind.CT, Kind.MR, Kind.SCAN)
+NAME_SIDES = "name the sides of the patient that x, y and z grow to, as 'LPS' or 'RAS'"
 HOW_TO_PLACE = "give spacing=(x, y, z) and space='LPS' (or 'RAS', 'LAS', ...), or affine= and space="
-UNPLACED = (
-    "the array does not say how it lies in space: it is drawn as [z, y, x] with cubic voxels, and may be mirrored; "
-    "Volume(array, spacing=..., axes=...) says more"
-)
 SAVE_FIRST = (
     "an array in memory is seen by servers of this machine and this session alone; save it first, as by "
     "numpy.save('volume.npy', array), where all servers see it, and give its path"
@@ -53,13 +53,13 @@ class Volume:
         self,
         array: Any,
         *,
-        axes: str | None = None,
-        spacing: Sequence[float] | None = None,
-        origin: Sequence[float] | None = None,
+        axes: str | Sequence[str] | None = None,
+        spacing: Any = None,
+        origin: Any = None,
         affine: Any = None,
-        space: str = "",
-        unit: str = "",
-        value_unit: str = "",
+        space: str | Sequence[str] = "",
+        unit: Any = "",
+        value_unit: Any = "",
         kind: Kind | str = Kind.UNKNOWN,
         name: str = "",
     ) -> None:
@@ -69,9 +69,12 @@ class Volume:
         source = _in_order(source, axes)
         if affine is not None and (spacing is not None or origin is not None):
             raise BadInput("affine= says spacing and origin, too; leave out spacing= and origin=")
+        space = letters("space", space, NAME_SIDES)
+        unit = words("unit", unit) or source.unit or next(filter(None, map(unit_of, (spacing, origin, affine))), "")
         if not (spacing is None and origin is None and affine is None and not space):
-            source = _placed(source, spacing, origin, affine, space)
-        self._description = _description(source, _kind(kind), unit, value_unit, name)
+            source = _placed(source, spacing, origin, affine, space, unit)
+        source = replace(source, unit=unit, value_unit=words("value_unit", value_unit) or source.value_unit)
+        self._description = _description(source, _kind(kind), words("name", name))
         self._shared: SharedMemory = shared_memory(self._description, source.values)
 
     @classmethod
@@ -123,21 +126,27 @@ def volume_in_memory(volume: Any) -> Volume | None:
     return Volume(volume)
 
 
-def _in_order(source: ArraySource, axes: str | None) -> ArraySource:
+def _in_order(source: ArraySource, axes: str | Sequence[str] | None) -> ArraySource:
     """With values indexed [z, y, x]. Raises BadInput unless there are three axes of one or more voxels."""
     if axes is not None and source.ordered:
         raise BadInput(f"axes={axes!r}: {source.name} says itself which of its axes are x, y and z; leave axes= out")
-    axes = "zyx" if axes is None else axes
+    axes = "zyx" if axes is None else letters("axes", axes, "name each of x, y and z once, as 'zyx'")
     if sorted(axes) != sorted("xyz"):
         raise BadInput(f"axes={axes!r}: name each of x, y and z once, in the order of the array's axes, as 'zyx'")
     shape = tuple(source.values.shape)
     if len(shape) != 3:
         raise BadInput(f"an array of shape {shape} is no volume, which has three axes; {_made_three(shape)}")
+    if any(map(math.isnan, shape)):
+        raise BadInput(
+            f"an array of shape {shape} does not know it yet; have dask find it by array.compute_chunk_sizes()"
+        )
     if 0 in shape:
         raise BadInput(f"an array of shape {shape} has no voxels; choose a part that has some")
     if axes == "zyx":
         return source
-    return replace(source, values=np.asarray(source.values).transpose([axes.index(axis) for axis in "zyx"]))
+    with library_errors("the array"):
+        values = np.asarray(source.values)
+    return replace(source, values=values.transpose([axes.index(axis) for axis in "zyx"]))
 
 
 def _made_three(shape: tuple[int, ...]) -> str:
@@ -148,19 +157,19 @@ def _made_three(shape: tuple[int, ...]) -> str:
     return f"choose a part, as array[{'..., 0' if are_colours else ', '.join('0' * (len(shape) - 3))}]"
 
 
-def _placed(source: ArraySource, spacing: Any, origin: Any, affine: Any, space: str) -> ArraySource:
+def _placed(source: ArraySource, spacing: Any, origin: Any, affine: Any, space: str, unit: str) -> ArraySource:
     """Placed as the caller says."""
     if source.anatomical and space and affine is None:
         raise BadInput(f"the image says itself which sides of the patient are where; leave out space={space!r}")
     if affine is not None:
-        matrix = _numbers("affine", affine, (4, 4))
+        matrix = numbers("affine", affine, (4, 4), unit)
         to_physical, first = matrix[:3, :3], matrix[:3, 3]
     else:
         own = np.array(source.matrix)
         lengths = np.linalg.norm(own, axis=0)
-        given = lengths if spacing is None else _numbers("spacing", spacing, (3,))
+        given = lengths if spacing is None else numbers("spacing", spacing, (3,), unit)
         to_physical = own / lengths * given
-        first = _numbers("origin", origin, (3,)) if origin is not None else np.array(source.origin)
+        first = numbers("origin", origin, (3,), unit) if origin is not None else np.array(source.origin)
     if space:
         turn = _lps(space)
         to_physical, first = turn @ to_physical, turn @ first
@@ -182,18 +191,8 @@ def _lps(space: str) -> Any:
         if side is not None:
             turn[side[0], column] = side[1]
     if len(sides) != 3 or np.linalg.matrix_rank(turn) < 3:
-        raise BadInput(f"space={space!r}: name the sides of the patient that x, y and z grow to, as 'LPS' or 'RAS'")
+        raise BadInput(f"space={space!r}: {NAME_SIDES}")
     return turn
-
-
-def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> Any:
-    try:
-        numbers = np.asarray(value, float)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
-    if numbers.shape != shape or not np.isfinite(numbers).all():
-        raise BadInput(f"{name} must be {' x '.join(map(str, shape))} finite numbers, not {value!r:.60}")
-    return numbers
 
 
 def _kind(kind: Kind | str) -> Kind:
@@ -203,11 +202,11 @@ def _kind(kind: Kind | str) -> Kind:
     raise BadInput(f"kind={kind!r}: is none of {', '.join(Kind)}")
 
 
-def _description(source: ArraySource, kind: Kind, unit: str, value_unit: str, name: str) -> VolumeDescription:
+def _description(source: ArraySource, kind: Kind, name: str) -> VolumeDescription:
     if kind in PATIENT_KINDS and not source.anatomical:
         raise BadInput(f"kind={kind.value}: is of a patient, whose sides the array does not tell; {HOW_TO_PLACE}")
     if not source.placed:
-        warnings.warn(UNPLACED, OrientationUnknown, stacklevel=level_of_caller())
+        warnings.warn(source.unplaced, OrientationUnknown, stacklevel=level_of_caller())
     dims = source.values.shape[::-1]
     try:
         geometry = Geometry((int(dims[0]), int(dims[1]), int(dims[2])), source.matrix, source.origin)
@@ -218,9 +217,9 @@ def _description(source: ArraySource, kind: Kind, unit: str, value_unit: str, na
         format="array in memory",
         geometry=geometry,
         scalar_type=_scalar_type(str(source.values.dtype)),
-        unit=unit or source.unit,
-        value_unit=value_unit or source.value_unit,
-        warnings=source.warnings if source.placed else (*source.warnings, UNPLACED),
+        unit=source.unit,
+        value_unit=source.value_unit,
+        warnings=source.warnings if source.placed else (*source.warnings, source.unplaced),
         anatomical=source.anatomical,
         kind=kind,
         kind_from="the script" if kind is not Kind.UNKNOWN else "",

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from volsplat.client.memory.array_source import ArraySource
+from volsplat.client.memory.array_source import HOW_TO_SAY_MORE, UNPLACED, ArraySource
+from volsplat.client.memory.library_errors import library_errors
 from volsplat.client.memory.no_data import NetcdfValues, with_nan
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
@@ -30,10 +31,8 @@ def source_of(array: Any) -> ArraySource | None:
 
     Also of types that are derived from a library's own.
     """
-    try:
+    with library_errors(f"the {type(array).__name__}"):
         return _told_by(array)
-    except (TypeError, NotImplementedError) as error:  # a sparse tensor, one without numbers
-        raise BadInput(f"the {type(array).__name__} gives no numbers that could be drawn: {error}") from None
 
 
 def _told_by(array: Any) -> ArraySource | None:
@@ -47,7 +46,7 @@ def _told_by(array: Any) -> ArraySource | None:
 
 
 def _torch(tensor: Any) -> ArraySource:
-    values = tensor.detach().cpu()
+    values = tensor.detach().cpu().resolve_conj().resolve_neg()
     return ArraySource((values.float() if str(values.dtype) == "torch.bfloat16" else values).numpy())
 
 
@@ -113,30 +112,33 @@ def _by_coordinates(
     values: Any, order: Sequence[Any], coordinates: Mapping[Any, tuple[Any, str]], name: str, value_unit: str
 ) -> ArraySource:
     """Values along these axes, of which some have coordinates, each with its unit."""
-    steps, origin, units, warnings = [], [], [], []
-    for axis in reversed(order):
-        places, unit = coordinates.get(axis, ((), ""))
-        first, step, even = _even(places) if axis in coordinates else (0.0, 1.0, True)
-        if not even:
-            warnings.append(f"the coordinate {axis} is uneven: its voxels are drawn as if they lay evenly")
-        steps.append(step)
-        origin.append(first)
-        units.append(unit)
-    placed, common = all(axis in coordinates for axis in order), in_one_unit(units)
-    if placed and common is None:
+    told = [axis for axis in reversed(order) if axis in coordinates]
+    rows = {axis: _row(axis, coordinates[axis][0]) for axis in told}
+    warnings = [row.warning for row in rows.values() if row.warning]
+    units = [coordinates[axis][1] for axis in told]
+    common = in_one_unit(units) if units else CommonUnit.none()
+    if common is None:
         warnings.append(told_several([unit or "none" for unit in units]))
-    common = common or CommonUnit.none()
-    return ArraySource(
+        common = CommonUnit.none()
+    factors = dict(zip(told, common.factors, strict=False))  # where the unit is none there are three
+    along = [(rows.get(axis, _Row()), factors.get(axis, 1.0)) for axis in reversed(order)]
+    source = ArraySource(
         values,
         name=name,
-        matrix=_matrix(np.diag(np.multiply(steps, common.factors))),
-        origin=_vector(np.multiply(origin, common.factors)),
+        matrix=_matrix(np.diag([row.step * factor for row, factor in along])),
+        origin=_vector([row.first * factor for row, factor in along]),
         unit=common.unit,
         value_unit=value_unit,
         ordered=bool(coordinates) or set(order) == set("zyx"),
-        placed=placed,
+        placed=len(told) == len(order),
         warnings=tuple(warnings),
     )
+    if not told or source.placed:
+        return source
+    others = ", ".join(str(axis) for axis in order if axis not in coordinates)
+    apart = f"1 {common.unit}".strip()
+    stands = f"{UNPLACED} along {others}: its voxels are drawn {apart} apart there, and it may be mirrored"
+    return replace(source, unplaced=f"{stands}; {HOW_TO_SAY_MORE}")
 
 
 def _simple_itk(image: Any) -> ArraySource:
@@ -234,16 +236,34 @@ def _check_image(axes: int, components: int) -> None:
         raise BadInput(f"the image has {components} numbers a voxel, volsplat needs one; take one of them")
 
 
-def _even(coordinates: Any) -> tuple[float, float, bool]:
-    """The first of an axis's coordinates, their step, and whether they lie evenly."""
-    if len(coordinates) == 0 or np.asarray(coordinates).dtype.kind not in "iuf":
-        return 0.0, 1.0, len(coordinates) < 2
-    if len(coordinates) == 1:
-        return float(coordinates[0]), 1.0, True
-    numbers = np.asarray(coordinates, float)
-    step = (numbers[-1] - numbers[0]) / (len(numbers) - 1)
+class _Row(NamedTuple):
+    """Where the voxels of an axis lie."""
+
+    first: float = 0.0
+    step: float = 1.0
+    warning: str = ""
+
+
+def _row(axis: Any, coordinates: Any) -> _Row:
+    """By the axis's coordinates. Raises BadInput where no voxel can lie at these."""
+    places = np.asarray(coordinates)
+    if len(places) == 0:
+        return _Row()
+    if places.dtype.kind not in "iuf":
+        apart = f"the coordinate {axis} is not in numbers: its voxels are drawn 1 apart, and evenly"
+        return _Row(warning=apart if len(places) > 1 else "")
+    numbers = places.astype(float)
+    steps = max(len(numbers) - 1, 1)
+    step = float(numbers[-1] - numbers[0]) / steps if len(numbers) > 1 else 1.0
+    if not np.isfinite(numbers).all() or step == 0.0:
+        raise BadInput(
+            f"the coordinate {axis} has numbers that are not finite, or that come twice; correct it, or give the "
+            "values alone, as array.values, and spacing="
+        )
     off = np.abs(numbers - (numbers[0] + step * np.arange(len(numbers)))).max()
-    return float(numbers[0]), float(step), bool(off <= UNEVEN * abs(step))
+    is_even = off <= UNEVEN * abs(step)
+    uneven = f"the coordinate {axis} is uneven: its voxels are drawn as if they lay evenly"
+    return _Row(float(numbers[0]), step, "" if is_even else uneven)
 
 
 def _matrix(rows: Any) -> Matrix:

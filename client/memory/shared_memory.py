@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from volsplat.client.memory.library_errors import library_errors
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.shared_array import PAGE_BYTES, key_of, packed_header
 from volsplat.protocol.description.volume import SCALAR_BYTES, VolumeDescription
@@ -103,12 +104,12 @@ def _slabs(values: Any, scalar_type: str) -> Iterator[Any]:
 
 
 def _read(values: Any, sheets: slice, scalar_type: str) -> Any:
-    try:
-        return np.ascontiguousarray(values[sheets], scalar_type)
-    except TypeError as error:  # as of arrays on a GPU, which say how to fetch them
-        raise BadInput(f"the array gives no numbers that could be drawn: {error}") from None
-    except (OSError, RuntimeError) as error:  # of the file or store that it is read from
-        raise BadInput(f"the array cannot be read: {error}") from None
+    with library_errors("the array"):
+        read = np.ascontiguousarray(values[sheets], scalar_type)
+    promised = (len(range(*sheets.indices(values.shape[0]))), *values.shape[1:])
+    if read.shape != promised:
+        raise BadInput(f"the array gave {read.shape} numbers where it had promised {promised}; compute it first")
+    return read
 
 
 def _chunk(values: Any) -> int:

@@ -15,7 +15,8 @@ from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
 from volsplat.client.image.written_apart import check_written_apart
-from volsplat.client.memory.array_volume import UNPLACED, Volume
+from volsplat.client.memory.array_source import UNPLACED
+from volsplat.client.memory.array_volume import Volume
 from volsplat.client.scene.presets import PRESETS, Preset
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.notebook_cells import close_when_cell_runs_again, in_notebook
@@ -177,7 +178,7 @@ def _opened(volume: Any) -> Session:
 def _tell_notes(volume: SurveyedVolume) -> None:
     """Of a volume that was opened for this; that an array does not say how it lies was told with its own warning."""
     for note in (*volume.description.warnings, *volume.notes()):
-        if note != UNPLACED:
+        if not note.startswith(UNPLACED):
             warnings.warn(note, VolumeNote, stacklevel=level_of_caller())
 
 

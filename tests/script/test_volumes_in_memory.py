@@ -182,6 +182,76 @@ def with_coordinates(x: str, y: str, z: str) -> Any:
     return xarray.DataArray(np.ones((1, 2, 2)), coords | {"z": ("z", [50.0], {"units": z})}, ("z", "y", "x"))
 
 
+def at_places(x: Any) -> Any:
+    coords = {"x": x, "y": [0.0, 1.0], "z": [0.0, 1.0]}
+    return xarray.DataArray(np.ones((2, 2, len(x))), coords, ("z", "y", "x"))
+
+
+def shrunken() -> Any:
+    return dask.array.from_array(VALUES, chunks=VALUES.shape).map_blocks(lambda block: block[..., ::2], dtype="i2")
+
+
+PLACE: dict[str, Any] = {"spacing": (1, 1, 1)}
+
+
+@pytest.mark.parametrize(
+    "places", [np.arange("2020-01", "2020-04", dtype="datetime64[D]")[:3], ["red", "green", "blue"], [0.0, 1.0, 5.0]]
+)
+def test_of_coordinates_is_told_what_is_true(places: Any) -> None:
+    told = Volume(at_places(places)).description
+    (warning,) = told.warnings
+    assert ("uneven" in warning) == isinstance(places[0], float)
+    assert ("the coordinate x is not in numbers: its voxels are drawn 1 apart" in warning) == ("uneven" not in warning)
+
+
+def test_axes_without_coordinates_are_told_and_the_others_are_brought_to_one_unit() -> None:
+    array = with_coordinates("km", "m", "").drop_vars("z")
+    with pytest.warns(OrientationUnknown, match="along z: its voxels are drawn 1 km apart there, and it may be mirr"):
+        told = Volume(array).description
+    assert np.allclose(np.diag(told.geometry.index_to_physical), (1.0, 0.001, 1.0)) and told.unit == "km"
+    assert Volume(array, spacing=(1, 2, 3)).description.warnings == ()
+
+
+@pytest.mark.parametrize("unit", ["", "mm", units.mm, "um", "µm"])
+def test_lengths_that_bring_their_unit_are_as_long_in_every_other(unit: Any) -> None:
+    lengths: dict[str, Any] = {"spacing": [1, 2, 0.5] * units.cm, "origin": (1 * units.m, 2 * units.cm, 3 * units.mm)}
+    told = Volume(VALUES, **lengths, unit=unit).description
+    assert told.unit == str(unit or "cm")
+    one = (1 * units.cm).to_value(unit or "cm")
+    assert np.allclose(np.diag(told.geometry.index_to_physical), np.multiply((1, 2, 0.5), one))
+    assert np.allclose(told.geometry.origin, np.multiply((100, 2, 0.3), one))
+
+
+def test_lengths_are_brought_to_the_unit_that_an_image_has() -> None:
+    told = Volume(itk_image(), spacing=[1, 1, 1] * units.cm).description
+    assert told.unit == "mm" and np.allclose(told.geometry.spacing, 10)
+    assert np.allclose(told.geometry.origin, ORIGIN)
+
+
+def test_values_that_torch_holds_negated_are_drawn_as_they_are() -> None:
+    held = torch.complex(torch.zeros(VALUES.shape), torch.from_numpy(VALUES).float()).conj().imag
+    assert held.is_neg() and np.array_equal(read(Volume(held, **PLACE)), -VALUES)
+
+
+@pytest.mark.parametrize("ending", [".nii", ".nii.gz"])
+@pytest.mark.parametrize("left", [0.0, 0.7])
+def test_a_file_that_is_cut_short_or_gone_is_told_in_a_line(ending: str, left: float, tmp_path: Path) -> None:
+    path = tmp_path / f"v{ending}"
+    nibabel.save(nifti(), path)
+    image, whole = nibabel.load(path), path.read_bytes()
+    path.write_bytes(whole[: int(left * len(whole))]) if left else path.unlink()
+    with pytest.raises(BadInput, match="the Nifti1Image cannot be read: .+") as raised:
+        Volume(image)
+    assert "\n" not in str(raised.value)
+
+
+def test_an_array_of_a_closed_file_is_told_in_a_line(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "v.h5", "w") as file:
+        array = file.create_dataset("v", data=VALUES)
+    with pytest.raises(BadInput, match="cannot be read: "):
+        Volume(array, **PLACE)
+
+
 def test_coordinates_in_several_units_of_length_are_brought_to_one() -> None:
     geometry = (told := Volume(with_coordinates("km", "m", "m")).description).geometry
     assert (told.unit, told.warnings) == ("km", ())
@@ -217,6 +287,18 @@ def test_chunks_of_sheets_are_computed_once_though_they_exceed_what_is_copied_at
     assert computed == [3, 3]
 
 
+class Moody:
+    """A block of dask, or a source of its own, that raises whatever its author thought of."""
+
+    shape, dtype = VALUES.shape, VALUES.dtype
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    def __getitem__(self, index: Any) -> Any:
+        raise self._error
+
+
 class Unreadable:
     """As an array of a file whose numbers are packed in a way that nothing here unpacks."""
 
@@ -240,7 +322,8 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
     affine = np.diag([-1.0, 1.0, 2.0, 1.0])
     by_affine = Volume(VALUES.T, axes="xyz", affine=affine, space="RAS", kind="ct", unit="mm").description
     by_space = Volume(VALUES, spacing=(1, 1, 2), space="LAS", kind="CT", unit="mm").description
-    assert by_affine == by_space and by_space.anatomical
+    by_codes = Volume(VALUES, axes=tuple("zyx"), spacing=(1, 1, 2), space=tuple("LAS"), kind="CT", unit="mm")
+    assert by_affine == by_space == by_codes.description and by_space.anatomical
     assert by_space.geometry.index_to_physical == ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 2.0))
     assert Volume(nifti(), spacing=(1, 1, 1)).description.geometry.index_to_physical[1] == (0.0, -1.0, 0.0)
 
@@ -272,7 +355,23 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
         (torch.empty((2, 2, 2), device="meta"), {}, "the Tensor gives no numbers that could be drawn"),
         (OnGraphicsCard(), {"spacing": (1, 1, 1)}, "gives no numbers that could be drawn: fetch it by .get()"),
         (Unreadable(), {"spacing": (1, 1, 1)}, "the array cannot be read: can't open directory (/usr"),
+        (Moody(KeyError("frame")), PLACE, "the array cannot be read: KeyError: 'frame'"),
+        (Moody(ValueError("two\nlines")), PLACE, "the array cannot be read: ValueError: two lines"),
+        (Moody(EOFError()), PLACE, "the array cannot be read: EOFError"),
+        (Moody(MemoryError()), PLACE, "the array does not fit into this machine's memory"),
+        (shrunken(), PLACE, "the array gave (6, 7, 4) numbers where it had promised (6, 7, 8); compute it first"),
+        (dask.array.from_array(VALUES)[dask.array.from_array(VALUES[:, 0, 0]) > 0], PLACE, "compute_chunk_sizes()"),
         (labelled().isel(z=slice(0)), {}, "has no voxels"),
+        (at_places([0.0, 1.0, np.nan]), {}, "the coordinate x has numbers that are not finite, or that come twice;"),
+        (at_places([1.0, 1.0, 1.0]), {}, "the coordinate x has numbers that are not finite, or that come twice;"),
+        (VALUES, {"axes": 3}, "axes=3: name each of x, y and z once, as 'zyx'"),
+        (VALUES, {"space": 3}, "space=3: name the sides of the patient"),
+        (VALUES, {"space": (None, "A", "S")}, "name the sides of the patient"),
+        (VALUES, {"unit": 3}, "unit must be a text, not 3"),
+        (VALUES, {"name": 3}, "name must be a text, not 3"),
+        (VALUES, {"spacing": (1 * units.mm, 1, 1)}, "cannot be brought to “mm”: some of them have no unit"),
+        (VALUES, {"spacing": [1, 1, 1] * units.K, "unit": "mm"}, "cannot be brought to “mm”: 'K'"),
+        (VALUES, {"spacing": [1, 1] * units.mm}, "spacing must be 3 finite numbers, not <Quantity"),
         (pyvista.Sphere(), {}, "a PolyData is no image of voxels; resample it to one"),
     ],
 )
