@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from volsplat.client.image.whole_file import whole_file
+from volsplat.client.files.whole_file import whole_file
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.text.errors import BadInput

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -15,6 +14,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import ignored, opened, session_of, tell_how_to_join
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.command.server_options import Servers
+from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.session.session import Session
 from volsplat.program.confinement import can_confine
 from volsplat.program.plain_console import PlainConsole
@@ -54,8 +54,8 @@ class ViewBeginning:
         if not self._servers.here:
             yield
             return
-        with TemporaryDirectory(prefix="volsplat-", ignore_cleanup_errors=True) as folder:
-            self._phantoms = PhantomFiles(Path(folder))
+        with temporary_folder() as folder:
+            self._phantoms = PhantomFiles(folder)
             yield
 
     @contextmanager

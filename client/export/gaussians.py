@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.client.export.view_light import HARMONIC, HARMONICS, Light, light_harmonics
-from volsplat.client.image.whole_file import whole_file
+from volsplat.client.files.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA

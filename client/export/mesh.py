@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.image.whole_file import whole_file
+from volsplat.client.files.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.visible_blocks import opacities

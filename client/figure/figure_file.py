@@ -16,11 +16,11 @@ from volsplat.client.figure.layout import laid_out
 from volsplat.client.figure.painted import painted
 from volsplat.client.figure.pdf_file import pdf_bytes
 from volsplat.client.figure.svg_file import svg_text
+from volsplat.client.files.whole_file import whole_file
 from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.image_file import straight, write_image
 from volsplat.client.image.image_formats import VECTOR_FORMATS, check_picture_writable
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.image.whole_file import whole_file
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
 

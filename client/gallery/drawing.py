@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path, step_of
 from volsplat.client.image.image_file import over_background, write_image, write_pixels
 from volsplat.client.image.image_formats import check_writable
@@ -135,8 +135,8 @@ def _volume(data_set: DataSet, data: Path | None, say: Callable[[str], None]) ->
         yield f"{data / data_set.measured}" + (f"#{data_set.part}" if data_set.part else "")
         return
     say(f"making the phantom {data_set.phantom}")
-    with TemporaryDirectory(prefix="volsplat-gallery-") as place:
-        volume = Path(place) / f"{data_set.phantom}.nrrd"
+    with temporary_folder() as place:
+        volume = place / f"{data_set.phantom}.nrrd"
         write_volume(volume, *make_phantom(data_set.phantom))
         yield str(volume)
 

@@ -1,13 +1,14 @@
 """What a writer of files writes, as bytes: OpenImageIO's Python writes to no memory."""
 
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
+
+from volsplat.client.files.temporary_folder import temporary_folder
 
 
 def bytes_of(suffix: str, write: Callable[[Path], object]) -> bytes:
     """The file that `write` makes at the path that it is given, which ends in `suffix`."""
-    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
-        path = Path(folder) / f"file{suffix}"
+    with temporary_folder() as folder:
+        path = folder / f"file{suffix}"
         write(path)
         return path.read_bytes()

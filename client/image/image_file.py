@@ -21,10 +21,11 @@ import OpenImageIO as oiio
 from numpy.typing import ArrayLike, NDArray
 
 from volsplat.client.caller.arguments import checked_scene
+from volsplat.client.files.temporary_folder import temporary_folder
+from volsplat.client.files.temporary_name import behind_links
+from volsplat.client.files.whole_file import whole_file
 from volsplat.client.image.embedded_picture import SVG, embedded_png
 from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
-from volsplat.client.image.temporary_name import behind_links
-from volsplat.client.image.whole_file import whole_file
 from volsplat.protocol.description.scene import Colour, Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
@@ -94,8 +95,8 @@ def read_scene(path: Path) -> Scene:
 def read_properties(path: Path) -> dict[str, str]:
     """What volsplat stored with an image: "scene" as JSON, and whatever else was given. Raises BadInput."""
     if path.suffix.lower() == SVG:
-        with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
-            inside = Path(folder) / "picture.png"
+        with temporary_folder() as folder:
+            inside = folder / "picture.png"
             inside.write_bytes(embedded_png(path))
             return read_properties(inside)
     opened = _opened(path)

@@ -3,8 +3,8 @@
 import shutil
 from pathlib import Path
 
+from volsplat.client.files.whole_file import is_stream
 from volsplat.client.image.image_formats import check_place
-from volsplat.client.image.whole_file import is_stream
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 

@@ -7,7 +7,7 @@ import msgspec
 from rich import box
 from rich.table import Table
 
-from volsplat.client.image.whole_file import whole_file
+from volsplat.client.files.whole_file import whole_file
 from volsplat.client.session.frame_links import LinkReport, links_of
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.volume.surveyed_volume import SurveyedVolume

@@ -38,6 +38,7 @@ FLOORS = {
         "prepare",
     ),
     "client": (
+        "files",
         "caller histogram phantoms trace",
         "image scene slices ui/doors memory",
         "volume",

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import secrets
 import shutil
-import tempfile
 from collections import deque
 from pathlib import Path
 from weakref import WeakKeyDictionary, finalize
@@ -17,6 +16,7 @@ from weakref import WeakKeyDictionary, finalize
 from nicegui import Client, context, ui
 from starlette.responses import FileResponse, PlainTextResponse, Response
 
+from volsplat.client.files.temporary_folder import made_folder
 from volsplat.protocol.text.errors import BadInput
 
 FILES_PATH = "/volsplat/files"
@@ -58,7 +58,7 @@ async def hand_bytes(data: bytes, name: str) -> None:
 def folder_to_hand() -> Path:
     """An empty folder for a file that is to be handed. Raises BadInput if there can be none."""
     try:
-        return Path(tempfile.mkdtemp(prefix="volsplat-saved-"))
+        return made_folder()
     except OSError as error:
         raise _no_room(error) from error
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import logging
-import tempfile
 import threading
 import time
 import zlib
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import Figure
+from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.image_formats import SCENE_HOLDERS, need_pdf
 from volsplat.client.image.image_properties import image_properties
@@ -94,8 +94,8 @@ def scene_in_file(data: bytes, base: Scene, name: str) -> Scene:
 def _scene_in_image(data: bytes, name: str) -> Scene:
     from volsplat.client.image.image_file import read_scene
 
-    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
-        path = Path(folder, f"image{Path(name).suffix.lower()}")
+    with temporary_folder() as folder:
+        path = folder / f"image{Path(name).suffix.lower()}"
         path.write_bytes(data)
         try:
             return read_scene(path)

@@ -3,25 +3,36 @@
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from volsplat.bench.tables.record import write_text
+from volsplat.client.files.temporary_folder import made_folder, temporary_folder
+from volsplat.client.files.temporary_name import temporary_name
 from volsplat.client.image.image_formats import check_place
-from volsplat.client.image.temporary_name import temporary_name
 from volsplat.protocol.text.errors import BadInput
 
 LEAVES = """
 import sys
 from pathlib import Path
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.files.temporary_name import temporary_name
 name = temporary_name(Path(sys.argv[1]))
 if name.suffix:
     name.write_bytes(b"half")
 else:
     name.mkdir()
     (name / "0001.png").write_bytes(b"half")
+print("left", flush=True)
+sys.stdin.read()
+"""
+
+
+LEAVES_FOLDER = """
+import sys
+from volsplat.client.files.temporary_folder import made_folder
+(made_folder() / "head.nrrd").write_bytes(b"a volume")
 print("left", flush=True)
 sys.stdin.read()
 """
@@ -60,3 +71,34 @@ def test_what_a_killed_program_left_is_swept_and_what_a_running_one_writes_is_no
     mine = temporary_name(tmp_path / "other.png")
     assert set(tmp_path.iterdir()) == before and str(os.getpid()) in mine.name
     assert temporary_name(tmp_path / "absent" / "other.png").suffix == ".png"
+
+
+def leaves_folder() -> None:
+    """A program that is killed while it needs a folder."""
+    command = [sys.executable, "-c", LEAVES_FOLDER]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as program:
+        assert program.stdout is not None and program.stdout.readline() == b"left\n"
+        program.kill()
+
+
+def test_a_temporary_folder_that_a_killed_program_left_is_swept_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    leaves_folder()
+    (left,) = tmp_path.iterdir()
+    with temporary_folder() as folder:
+        assert list(tmp_path.iterdir()) == [folder] != [left] and list(folder.iterdir()) == []
+        (folder / "head.nrrd").touch()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")
+def test_a_temporary_folder_of_another_user_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    leaves_folder()
+    (left,) = tmp_path.iterdir()
+    os.chown(left, 65534, 65534)
+    assert {made_folder(), left} == set(tmp_path.iterdir())

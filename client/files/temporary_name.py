@@ -36,16 +36,16 @@ def take_mode(written: Path, target: Path) -> None:
 
 
 def _sweep(folder: Path) -> None:
-    """Names tell the machine and process that write there: of other machines nothing is known."""
+    """Names tell the machine and process that write there: of other machines nothing is known, nor what others keep."""
     with suppress(OSError):  # whoever writes there will hear of it
         for left in list(folder.glob(f"{PREFIX}-{_machine()}-*")):
             named = re.fullmatch(rf"{re.escape(PREFIX)}-\w+-(\d+)-[0-9a-f]+(\.\w+)?", left.name)
-            if named is not None and not _is_running(int(named[1])):
+            if named is not None and left.lstat().st_uid == os.geteuid() and not _is_running(int(named[1])):
                 _remove(left)
 
 
 def _remove(left: Path) -> None:
-    if left.is_dir() and not left.is_symlink():  # images of a movie
+    if left.is_dir() and not left.is_symlink():
         shutil.rmtree(left, ignore_errors=True)
     else:
         left.unlink(missing_ok=True)
@@ -62,4 +62,6 @@ def _is_running(process: int) -> bool:
 
 
 def _machine() -> str:
-    return hashlib.blake2b(socket.gethostname().encode(), digest_size=4).hexdigest()
+    """Of two containers, which may share a name and a folder, each knows its own processes alone."""
+    processes = os.stat("/proc/self/ns/pid").st_ino if os.path.exists("/proc/self/ns/pid") else 0
+    return hashlib.blake2b(f"{socket.gethostname()} {processes}".encode(), digest_size=4).hexdigest()
