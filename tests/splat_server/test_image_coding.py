@@ -1,19 +1,31 @@
 """Images that are coded by a splat server are what the client decodes: bit for bit, or by 8 bits a channel."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from support.patience import PATIENCE
 from volsplat.client.session.image_decoder import ImageDecoder
+from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, RawPixels
+from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, RawPixels, ReadImage
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.image_tiles import IMAGE_TILE_SIDE, image_tiles, tile_bytes
 from volsplat.protocol.text.errors import RemoteProtocolError
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.framing import new_buffer
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server.image_coder import ImageCoder
+from volsplat.splat_server.image_sender import ImageSender
 
+PLACES = st.tuples(st.integers(0, 2), st.integers(0, 2))
 SIZES = st.sampled_from([1, 7, IMAGE_TILE_SIDE, IMAGE_TILE_SIDE + 1, 2 * IMAGE_TILE_SIDE, 75])
 LEVEL = np.float32(1 / 255)
 ODD = np.array([0.0, -0.0, 1.0, 2**-149, -(2**-140), 3.4e38, 0.5, np.nextafter(np.float32(1), 0)], np.float32)
@@ -21,8 +33,8 @@ ODD = np.array([0.0, -0.0, 1.0, 2**-149, -(2**-140), 3.4e38, 0.5, np.nextafter(n
 Pixels = NDArray[np.float32]
 
 
-def read(width: int, height: int) -> ImageRead:
-    return ImageRead(1, Step.F, True, 0, 0, width, height, RawPixels())
+def read(width: int, height: int, place: tuple[int, int] = (0, 0)) -> ImageRead:
+    return ImageRead(1, Step.F, True, *place, width, height, RawPixels())
 
 
 def drawn(width: int, height: int, seed: int) -> Pixels:
@@ -44,8 +56,8 @@ class Link:
         self.coder = ImageCoder()
         self._decoder = ImageDecoder()
 
-    def sends(self, pixels: Pixels, exact: bool) -> tuple[CodedPixels, Pixels]:
-        image = read(pixels.shape[1], pixels.shape[0])
+    def sends(self, pixels: Pixels, exact: bool, place: tuple[int, int] = (0, 0)) -> tuple[CodedPixels, Pixels]:
+        image = read(pixels.shape[1], pixels.shape[0], place)
         told, payload = self.coder.coded(image, pixels.data.cast("B"), exact)
         joined = b"".join(payload)
         assert len(joined) == told.bytes
@@ -57,14 +69,15 @@ class Link:
         return np.frombuffer(target, np.float32).reshape(image.height, image.width, 4)
 
 
-@given(st.lists(st.tuples(SIZES, SIZES, st.integers(0, 3), st.booleans()), min_size=1, max_size=6))
-def test_images_in_their_order_are_what_they_were(images: list[tuple[int, int, int, bool]]) -> None:
+@given(st.lists(st.tuples(SIZES, SIZES, PLACES, st.integers(0, 3), st.booleans()), min_size=1, max_size=6))
+@example([(7, 7, (0, 0), 1, True), (7, 7, (0, 1), 2, True), (7, 7, (1, 1), 3, True)])
+def test_images_in_their_order_are_what_they_were(images: list[tuple[int, int, tuple[int, int], int, bool]]) -> None:
     link, before = Link(), None
-    for width, height, seed, exact in images:
+    for width, height, place, seed, exact in images:
         pixels = drawn(width, height, seed)
-        told, shown = link.sends(pixels, exact)
-        assert told.exact is exact and told.follows == (before == (width, height, exact))
-        before = width, height, exact
+        told, shown = link.sends(pixels, exact, place)
+        assert told.exact is exact and told.follows == (before == (width, height, place, exact))
+        before = width, height, place, exact
         if exact:
             assert (shown.view(np.uint32) == pixels.view(np.uint32)).all()
         else:
@@ -90,6 +103,35 @@ def test_after_an_image_that_went_another_way_a_whole_one_comes() -> None:
     link.coder.forget()
     told, shown = link.sends(pixels, True)
     assert not told.follows and (shown == pixels).all()
+
+
+def test_an_image_after_one_that_went_as_it_is_comes_whole() -> None:
+    """Random bits become more by coding, so that they travel uncoded: no image can follow them."""
+    before, bits = (
+        np.zeros((64, 64, 4), np.uint32),
+        np.random.default_rng(1).integers(0, 1 << 32, (64, 64, 4), np.uint32),
+    )
+    after = bits.copy()
+    after[:IMAGE_TILE_SIDE, :IMAGE_TILE_SIDE] = 0
+    token = new_token()
+    with Listener(
+        Role.CLIENT, token, host="127.0.0.2"
+    ) as listener:  # not by a Unix socket, and so not by shared memory
+        hello = new_hello(Role.SPLAT_SERVER, data_port=1)
+        server = connect(listener.address, hello, token, Role.CLIENT)
+        client = listener.accept(PATIENCE)
+        assert client is not None
+        sender, receiver, kinds = ImageSender(server), ImageReceiver(client, new_buffer), list[type]()
+        with client, server, closing(sender):
+            for pixels in (before, bits, after):
+                client.send(ReadImage(1))
+                assert server.receive() is not None
+                sender.send(read(64, 64), pixels.data.cast("B"), exact=True)
+                received = client.receive()
+                assert received is not None and isinstance(received.message, ImageRead)
+                kinds.append(type(received.message.pixels))
+                assert bytes(receiver.pixels(received.message, received.payload)) == pixels.tobytes()
+    assert kinds == [CodedPixels, RawPixels, CodedPixels]
 
 
 @pytest.mark.parametrize("exact", [False, True])
