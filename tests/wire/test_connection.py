@@ -33,6 +33,7 @@ from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
+from volsplat.protocol.wire.socket_options import TIMEVAL
 from volsplat.protocol.wire.tokens import new_token
 
 TOKEN = new_token()
@@ -328,6 +329,22 @@ def test_a_peer_that_takes_nothing_for_too_long_is_lost_by_name(host: str) -> No
         with pytest.raises(PeerLost, match="splat server at .* is gone: Connection timed out"):
             near.send(batch((BIG - 24) // 8), payload_of((BIG - 24) // 8))
         assert near.closed and not far.closed
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="this system has no such limit over TCP")
+def test_the_system_is_told_for_how_long_a_peer_may_take_nothing(host: str) -> None:
+    with data_link(host) as (near, _):
+        near.lose_after(2.5)
+        assert limit_of(near) == 2.5
+
+
+def limit_of(connection: Connection) -> float:
+    """Seconds after which the system gives up a peer that takes nothing."""
+    asked = connection._socket
+    if asked.family == socket.AF_UNIX:
+        seconds, microseconds = TIMEVAL.unpack(asked.getsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, TIMEVAL.size))
+        return float(seconds + microseconds / 1e6)
+    return asked.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) / 1000
 
 
 def test_a_peer_that_breaks_the_protocol_is_cut_off_by_name(host: str) -> None:

@@ -45,13 +45,23 @@ def test_a_token_file_that_others_can_read_is_refused_with_the_cure(tmp_path: Pa
         find_token({}, path)
 
 
-def test_a_token_file_that_is_no_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="cannot be read"):
-        find_token({}, tmp_path / "missing")
+def test_a_token_file_of_somebody_else_s_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "token"
+    new_token().write(path)
+    if (user := os.geteuid()) == 0:
+        os.chown(path, 12345, -1)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: user + 1)
+    with pytest.raises(BadInput, match="belongs to another user; make one of your own"):
+        find_token({}, path)
+
+
+def test_a_token_file_that_is_no_file_is_refused_with_the_reason(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe, 0o600)
-    for path in (tmp_path, pipe):
-        with pytest.raises(BadInput, match=r"regular file|cannot be read"):
+    reasons = {tmp_path / "missing": "No such file", tmp_path: "Is a directory", pipe: "is not a regular file"}
+    for path, reason in reasons.items():
+        with pytest.raises(BadInput, match=reason):
             find_token({}, path)
 
 

@@ -3,10 +3,11 @@
 import socket
 import threading
 from contextlib import closing, suppress
+from typing import Any
 
 import pytest
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.messages import EndSession
@@ -15,8 +16,9 @@ from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.calling import call
-from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token, new_token
 from volsplat.protocol.wire.waiting import WaitingPort
 
@@ -137,6 +139,38 @@ def test_a_server_waits_no_longer_than_it_is_to() -> None:
     with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
         with pytest.raises(PeerLost, match="no client has come"):
             port.next_client(SERVER, 0.01)
+
+
+def test_a_server_that_has_stopped_waiting_is_not_ready() -> None:
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        with pytest.raises(PeerLost, match="no client has come"):
+            port.next_client(SERVER, 0.01)
+        with pytest.raises(PeerLost, match="is not ready yet"):
+            called(port.address, patience=0.0)
+
+
+def test_a_server_waits_on_where_its_client_is_lost_as_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened, lost = Connection.open, list[Connection]()
+
+    def lost_at_first(connection: Connection, peer: Peer, *arguments: Any) -> None:
+        if peer.role is Role.CLIENT and not lost:
+            lost.append(connection)
+            raise ConnectionClosed("the client is gone")
+        opened(connection, peer, *arguments)
+
+    monkeypatch.setattr(Connection, "open", lost_at_first)
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        served: list[Connection] = []
+        serving = threading.Thread(target=lambda: served.append(port.next_client(SERVER, PATIENCE)))
+        serving.start()
+        called(port.address).close()
+        wait_until(lambda: lost, "is it lost")
+        client = called(port.address)
+        serving.join(PATIENCE)
+        with client, served[0]:
+            client.send(EndSession())
+            received = served[0].receive()
+            assert received is not None and received.message == EndSession()
 
 
 def test_a_name_that_only_this_machine_takes_for_its_own_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
