@@ -78,6 +78,14 @@ def test_a_promise_counts_until_it_is_kept(tmp_path: Path) -> None:
         assert promised(mine) == 0
 
 
+def test_what_a_server_holds_already_keeps_none_of_its_promise(tmp_path: Path) -> None:
+    mine = MemoryPromises(tmp_path)
+    with another(tmp_path) as server:
+        server.does("takes", 300 * MIB)
+        server.does("promises", 100 * MIB)
+        assert 90 * MIB < promised(mine) <= 100 * MIB
+
+
 def test_of_two_that_want_most_of_what_is_left_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = 1000 * MIB
     monkeypatch.setattr(memory_budget, "available_memory", lambda: left)

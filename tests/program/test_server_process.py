@@ -36,6 +36,60 @@ def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(se
     assert said.startswith(f"{TITLES[server]}: ") and said.count("\n") == 1
 
 
+TURNED_AWAY = """
+import sys
+from volsplat.program import clients
+from volsplat.program.server_process import ServerOptions
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.encryption import Encryption
+from volsplat.protocol.wire.tokens import new_token
+
+clients.REPEAT_PAUSE_SECONDS = 1e-3
+tries = 0
+
+def one():
+    global tries
+    tries += 1
+    if tries > 10000:
+        sys.exit("it goes on without end")
+    raise BadInput("another session token")
+
+options = ServerOptions(
+    connect=Address("127.0.0.1", 1),
+    wait_at=None,
+    token=new_token(),
+    patience=1.0,
+    resident={resident},
+    keep=0.1,
+    encryption=Encryption.BETWEEN_MACHINES,
+    silence=2.0,
+    name="",
+    metrics=None,
+    wanted_threads=1,
+    sharing=1,
+)
+try:
+    clients.Clients(Role.SPLAT_SERVER, options).serve(one)
+except BadInput as error:
+    print(tries, error)
+"""
+
+
+@pytest.mark.parametrize("resident", [False, True])
+def test_a_server_that_every_client_turns_away_ends_and_has_said_so_once(resident: bool) -> None:
+    """A resident one only once it has been without a client for as long as it keeps what it holds."""
+    script = TURNED_AWAY.format(resident=resident)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, encoding="utf-8", timeout=PATIENCE)
+    tries, told = done.stdout.split(maxsplit=1)
+    assert (done.returncode, told) == (0, "another session token\n")
+    if resident:
+        assert int(tries) > 1 and done.stderr == "another session token; looking for a client again\n"
+    else:
+        assert int(tries) == 1 and not done.stderr
+
+
 LEAVING = """
 import atexit, sys, threading
 from volsplat.program.exit_status import quick_end

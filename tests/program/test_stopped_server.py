@@ -18,6 +18,8 @@ from support.messages.message_samples import SAMPLES
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
 from volsplat.client.session.outgoing import Outgoing
+from volsplat.client.session.server_links import FAREWELL_SECONDS
+from volsplat.deploy.local import GRACE_SECONDS
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
@@ -105,6 +107,11 @@ def test_ctrl_c_ends_the_command_and_all_servers_while_a_volume_is_lent_to_one_t
     assert command.returncode == 130, said
     assert psutil.wait_procs(servers, timeout=PATIENCE)[1] == []
     assert said.strip() == "volsplat: interrupted"
+
+
+def test_all_that_a_stopped_server_is_waited_for_is_less_than_the_two_seconds_that_an_end_may_take() -> None:
+    """To read that the session is over, to end by itself, and to end when it is told to; then it is killed."""
+    assert FAREWELL_SECONDS + 2 * GRACE_SECONDS <= 1.5
 
 
 # -- the thread that sends
