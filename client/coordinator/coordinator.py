@@ -75,7 +75,7 @@ class Coordinator:
         self.holding = VolumeHolding()
         self.routes = DataRoutes(self.servers)
         self.work = WorkShares(self.holding)
-        self.frames = Frames(self.servers, self.holding, self.work)
+        self.frames = Frames(self.servers, self.routes, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.voxels = FileVoxels(self.holding)
         self.folders = FolderListings(self.servers, self.holding)
@@ -405,12 +405,33 @@ class Coordinator:
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:
-        return self._unreachable(self.frames.finished(message, event), event.server)
+        splat = event.server
+        return self._link_anew([(worker, splat) for worker in self.frames.finished(message, event)], splat)
 
     @takes(FrameMapped, *SURVEYED_PHASES)
     def _frame_mapped(self, message: FrameMapped, event: MessageReceived) -> list[Instruction]:
-        lost = self.frames.mapped(message, event.server)
-        return self._unreachable(lost, event.server) or self.frames.publish()
+        worker = event.server
+        told = self._link_anew([(worker, splat) for splat in self.frames.mapped(message, worker)], worker)
+        return told or self.frames.publish()
+
+    def _link_anew(self, ended: Iterable[tuple[int, int]], teller: int) -> list[Instruction]:
+        """Have links of workers and splat servers made anew, and the frame drawn again; unless that has not helped."""
+        links = [link for link in ended if self.servers.joined.keys() >= {*link}]
+        if not links:
+            return []
+        if hopeless := [link for link in links if not self.routes.may_link_anew(*link)]:
+            return self._part(*hopeless[0], teller)
+        told = [told for link in links for told in self.routes.link_anew(*link)]
+        return [*self.frames.end(ImageIncomplete("a data link between two servers has ended")), *told]
+
+    def _part(self, worker: int, splat: int, teller: int) -> list[Instruction]:
+        """Go on without the one that the other misses, unless that is the only one of its kind and the other is not."""
+        missed = splat if teller == worker else worker
+        alone = {splat: len(self.servers.splat_servers) == 1, worker: len(self.holding.boxes) == 1}
+        lost = teller if alone[missed] and not alone[teller] else missed
+        if lost == worker:
+            self.servers.note_unlinked(worker)
+        return self._unreachable([lost], splat if lost == worker else worker)
 
     def _unreachable(self, lost: Iterable[int], teller: int) -> list[Instruction]:
         """Servers that do not hear each other cannot draw together, whether or not they live."""

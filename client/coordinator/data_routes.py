@@ -8,6 +8,8 @@ from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
 from volsplat.protocol.wire.addresses import Address, is_loopback, reached_from
 
+MOST_MADE_ANEW = 3  # times before another frame is whole: then the way between the two is at fault
+
 
 class DataRoutes:
     """What a worker says of links that it was asked for before the newest request counts for nothing."""
@@ -15,6 +17,8 @@ class DataRoutes:
     def __init__(self, servers: Servers) -> None:
         self._servers = servers
         self._asked: Counter[int] = Counter()  # requests that have no answer yet, by worker
+        self._made_anew: Counter[tuple[int, int]] = Counter()  # links of a worker and a splat server, likewise
+        self._linking: set[int] = set()  # workers that make one anew, and have not answered
 
     def invite(self, workers: Iterable[int]) -> list[Instruction]:
         """Have the splat servers take the links of these workers."""
@@ -37,10 +41,30 @@ class DataRoutes:
             if is_loopback(_reached(splat, here).host) and not is_loopback(here.host)
         ]
 
-    def _connect(self, worker: int) -> Send:
+    def may_link_anew(self, worker: int, splat: int) -> bool:
+        return self._made_anew[worker, splat] < MOST_MADE_ANEW
+
+    def link_anew(self, worker: int, splat: int) -> list[Instruction]:
+        """Have a link made anew that has ended, as perhaps one end alone knows."""
+        self._made_anew[worker, splat] += 1
+        self._linking.add(worker)
+        joined = self._servers.joined
+        told = ReportProgress(f"{joined[worker].name} links anew to {joined[splat].name}")
+        return [told, self._connect(worker, but=splat), self._connect(worker)]
+
+    def drew_whole(self) -> None:
+        """All links serve."""
+        self._made_anew.clear()
+
+    @property
+    def linking_anew(self) -> bool:
+        """Whether a link is being made anew, which the next frame needs."""
+        return not self._linking.isdisjoint(self._servers.joined)
+
+    def _connect(self, worker: int, but: int | None = None) -> Send:
         self._asked[worker] += 1
         joined, here = self._servers.joined, self._servers.joined[worker]
-        places = [(splat, _reached(joined[splat], here)) for splat in self._servers.splat_servers]
+        places = [(splat, _reached(joined[splat], here)) for splat in self._servers.splat_servers if splat != but]
         routes = [Route(server=splat, host=data.host, port=data.port, key=here.key) for splat, data in places]
         return Send(worker, ConnectToSplatServers(routes=routes))
 
@@ -55,7 +79,10 @@ class DataRoutes:
     def _outdated(self, worker: int) -> bool:
         """Whether it was told anew since what it answers now."""
         self._asked[worker] -= 1
-        return self._asked[worker] > 0
+        if self._asked[worker] > 0:
+            return True
+        self._linking.discard(worker)
+        return False
 
 
 def _reached(splat: ServerJoined, worker: ServerJoined) -> Address:

@@ -17,6 +17,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ReportProgress,
     Send,
 )
+from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.frame_request import HiddenShare, frame_request
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.running_frame import RunningFrame, progress_words
@@ -43,10 +44,11 @@ from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, Volspla
 class Frames:
     """One at a time: a newer one ends the one before."""
 
-    def __init__(self, servers: Servers, holding: VolumeHolding, work: WorkShares) -> None:
+    def __init__(self, servers: Servers, routes: DataRoutes, holding: VolumeHolding, work: WorkShares) -> None:
         self.frame: RunningFrame | None = None
         self._owed = False  # a screen has not seen yet what is left after a loss
         self._servers = servers
+        self._routes = routes
         self._holding = holding
         self._shares = RegionShares()
         self._hidden = HiddenShare()
@@ -71,6 +73,8 @@ class Frames:
         """Send the waiting frame, after packing for its quantisation if that is still to be done."""
         frame, holding, volume = self.frame, self._holding, self._holding.volume
         if frame is None or frame.started or volume is None or not all(self._drawing_roles()):
+            return []
+        if self._routes.linking_anew:
             return []
         if not holding.boxes or (frame.require_complete and self._servers.missing):  # others are about to read it
             return [] if holding.assignments.may_move else self.end(incomplete(self._servers.states.values()))
@@ -289,6 +293,7 @@ class Frames:
         if frame is None or frame.request is None or image is None:
             return []
         self._owed = False
+        self._routes.drew_whole()
         self._shares.measured(frame.request, frame.splat)
         self._hidden.measured(frame.request, frame.splat)
         self._work.measured(frame.scene, frame.map_shade, frame.splat, frame.drawn_at)
@@ -303,7 +308,8 @@ class Frames:
         if not frame.started:
             others_read = frame.require_complete and self._servers.missing
             ready = self._holding.settled and self._holding.volume and all(self._drawing_roles())
-            assert not ready or others_read or self._depths.under_way, "a frame waits though the servers are ready"
+            waits = self._depths.under_way or self._routes.linking_anew
+            assert not ready or others_read or waits, "a frame waits though the servers are ready"
             assert not frame.unacknowledged and not frame.map_shade, "a frame that waits has answers"
             return
         assert self._holding.volume is not None, "a frame of an unknown volume runs"

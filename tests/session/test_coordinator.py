@@ -60,7 +60,9 @@ from volsplat.client.coordinator.coordinator_events import (
     SliceAsked,
     VolumeAsked,
 )
+from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
 from volsplat.client.coordinator.phase import Phase
+from volsplat.client.coordinator.server_states import ImageIncomplete
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
@@ -614,12 +616,62 @@ def test_after_a_loss_while_sub_cubes_are_read_again_the_others_read_all(already
     assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
-def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
+def check_linked_anew(coordinator: CheckedCoordinator, told: list[Instruction], frame: int) -> None:
+    """A link of the first worker, and it alone, is dropped and made anew before the next frame."""
+    (ended,) = [one for one in told if isinstance(one, EndFrame)]
+    assert ended.frame == frame and isinstance(ended.error, ImageIncomplete) and coordinator.failure is None
+    asked = [(one.server, one.message) for one in told if isinstance(one, Send)]
+    first, again = [message for _, message in asked if isinstance(message, messages.ConnectToSplatServers)]
+    assert not first.routes and [route.server for route in again.routes] == [SPLAT]
+    assert {server for server, message in asked if message in (first, again)} == {FIRST}
+    assert not sent(coordinator.handle(FrameAsked(frame + 1, SCENE, Step.F, require_complete=True)))
+    assert not sent(coordinator.handle(said(FIRST, messages.ConnectedToSplatServers([]))))
+    drawn = coordinator.handle(said(FIRST, messages.ConnectedToSplatServers([SPLAT])))
+    assert sent(drawn) == [(server, messages.RenderFrame) for server in (FIRST, SECOND, SPLAT)]
+
+
+def unlinked_in(frame: int, teller: int) -> MessageReceived:
+    """The first worker's link has ended amid the frame."""
+    if teller == SPLAT:
+        return said(SPLAT, messages.FrameFinished(frame, False, [FIRST], SPLAT_STATS))
+    return said(FIRST, messages.FrameMapped(frame, MAP_STATS, [SPLAT]))
+
+
+def drawing_linked() -> CheckedCoordinator:
     coordinator = drawing()
-    told = coordinator.handle(said(SPLAT, messages.FrameFinished(1, False, [FIRST], SPLAT_STATS)))
+    for worker in (FIRST, SECOND):
+        coordinator.handle(said(worker, messages.ConnectedToSplatServers([SPLAT])))
+    return coordinator
+
+
+@pytest.mark.parametrize("teller", [FIRST, SPLAT])
+def test_a_link_that_ends_is_made_anew_as_long_as_that_helps(teller: int) -> None:
+    coordinator = drawing_linked()
+    for frame in range(1, 3 * MOST_MADE_ANEW, 2):
+        check_linked_anew(coordinator, coordinator.handle(unlinked_in(frame, teller)), frame)
+        told = [one for event in all_drawn(frame + 1) for one in coordinator.handle(event)]
+        assert any(isinstance(one, PublishImage) for one in told)
+        coordinator.handle(FrameAsked(frame + 2, SCENE, Step.F, require_complete=True))
+
+
+def all_drawn(frame: int) -> list[MessageReceived]:
+    return [
+        *(said(worker, messages.FrameMapped(frame, MAP_STATS, [])) for worker in (FIRST, SECOND)),
+        said(SPLAT, messages.FrameFinished(frame, True, [], SPLAT_STATS)),
+        said(SPLAT, messages.ImageRead(frame, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16)),
+    ]
+
+
+@pytest.mark.parametrize("teller", [FIRST, SPLAT])
+def test_a_worker_whose_link_ends_again_and_again_is_lost_once(teller: int) -> None:
+    """The splat server is the only one, and the other worker reaches it."""
+    coordinator = drawing_linked()
+    for frame in range(1, MOST_MADE_ANEW + 1):
+        check_linked_anew(coordinator, coordinator.handle(unlinked_in(frame, teller)), frame)
+    told = coordinator.handle(unlinked_in(MOST_MADE_ANEW + 1, teller))
     assert "map/shade server 2 has no connection to splat server 1; others take over i 0-7" in ended_by(told)
     assert sent(told)[0] == (FIRST, messages.EndSession)
-    assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS, []))) == []
+    assert coordinator.handle(said(FIRST, messages.FrameMapped(MOST_MADE_ANEW + 1, MAP_STATS, []))) == []
     assert coordinator.handle(ServerLost(FIRST, GONE)) == []
 
 

@@ -50,6 +50,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerLost,
     VolumeAsked,
 )
+from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
 from volsplat.client.coordinator.server_states import ImageIncomplete
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages
@@ -185,8 +186,16 @@ def _by(event: Event) -> int:
     return event.server
 
 
-def test_a_splat_server_that_a_worker_cannot_reach_counts_as_lost() -> None:
+def test_a_splat_server_that_a_worker_cannot_reach_counts_as_lost_once_links_to_it_end_again_and_again() -> None:
     coordinator = drawing_big()
+    for worker in (FIRST, SECOND):
+        coordinator.handle(said(worker, messages.ConnectedToSplatServers(THREE)))
+    for frame in range(1, MOST_MADE_ANEW + 1):
+        told = coordinator.handle(mapped(running(coordinator), FIRST, LOST))
+        assert linked(told) == [[SPLAT, LEFT], THREE]
+        coordinator.handle(FrameAsked(frame + 1, BIG, Step.F, require_complete=True))
+        for reached in linked(told):
+            coordinator.handle(said(FIRST, messages.ConnectedToSplatServers(reached)))
     told = coordinator.handle(mapped(running(coordinator), FIRST, LOST))
     assert (LOST, messages.EndSession) in sent(told)
     (ended,) = [i for i in told if isinstance(i, EndFrame)]

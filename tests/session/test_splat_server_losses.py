@@ -20,6 +20,7 @@ from support.messages.drawn import (
     finished,
     image,
     mapped,
+    rectangles,
     running,
 )
 from volsplat.client.coordinator.coordinator_events import (
@@ -48,12 +49,18 @@ class World:
         self.to_do: dict[int, deque[Message]] = {n: deque([request]) for n in (FIRST, SECOND, *THREE)}
         self.at: dict[int, messages.RenderFrame] = {}  # what each splat server draws
         self.silent: set[int] = set()
+        self.links_end = self.random.choice([0.0, 0.3])  # how often one has ended when a worker has done its part
         self.newest = 1
         self.answers: dict[int, list[PublishImage | EndFrame]] = {1: []}
+        for worker in (FIRST, SECOND):
+            self.happens(said(worker, messages.ConnectedToSplatServers(THREE)))
 
     def happens(self, event: Event) -> None:
         for instruction in self.coordinator.handle(event):
             match instruction:
+                case Send(server, messages.EndSession()):
+                    self.to_do.pop(server)
+                    self.at.pop(server, None)
                 case Send(server, message) if server in self.to_do:
                     self.to_do[server].append(message)
                 case PublishImage(frame=frame) | EndFrame(frame=frame):
@@ -75,7 +82,7 @@ class World:
             case messages.RenderFrame() as request if server in THREE:
                 self.at[server] = request
             case messages.RenderFrame() as request:
-                self.happens(mapped(request, server))
+                self.happens(mapped(request, server, *self.unreached(request)))
             case messages.AbortFrame(frame=frame):
                 self.at.pop(server, None)
                 self.happens(said(server, messages.FrameAborted(frame)))
@@ -87,6 +94,12 @@ class World:
                     self.happens(said(server, messages.FrameProgress(frame, self.random.random())))
             case messages.ConnectToSplatServers(routes=routes):
                 self.happens(said(server, messages.ConnectedToSplatServers([route.server for route in routes])))
+
+    def unreached(self, request: messages.RenderFrame) -> list[int]:
+        """A splat server of the frame to which a worker's link has ended, unless it is the last one."""
+        there = [splat for splat in rectangles(request) if splat in self.to_do]
+        ends = len(there) > 1 and self.random.random() < self.links_end
+        return [self.random.choice(there)] if ends else []
 
     def finishes(self, server: int) -> None:
         request = self.at.pop(server, None)
@@ -124,6 +137,7 @@ class World:
             if sum(number in THREE for number in self.to_do) > 1:
                 self.lose(server)
         self.silent.clear()
+        self.links_end = 0.0
         while any(self.to_do.values()) or self.at:
             for server in list(self.to_do):
                 while self.to_do[server]:
