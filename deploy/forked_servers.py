@@ -14,6 +14,7 @@ from contextlib import suppress
 import msgspec
 
 from volsplat.deploy.fork_server import Ended, Lines, Signal, Start, Started
+from volsplat.deploy.process_end import WITH_ITS_STARTER
 from volsplat.deploy.server_command import Program
 
 FORK_SERVER = "volsplat.deploy.fork_server"
@@ -134,9 +135,9 @@ class ForkedServers:
         for process, server in self._servers.items():
             with suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
-            server.has_ended(-signal.SIGKILL)
+            server.has_ended(WITH_ITS_STARTER)
         while not self._asked.empty():
-            self._asked.get().has_ended(-signal.SIGKILL)
+            self._asked.get().has_ended(WITH_ITS_STARTER)
 
 
 _ahead: list[ForkedServers] = []

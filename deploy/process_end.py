@@ -2,6 +2,8 @@
 
 import signal
 
+WITH_ITS_STARTER = 256  # which no process can end with: it was ended once the process that starts servers had
+
 HINTS = {
     signal.SIGKILL: "by hand, or by the system for want of memory",
     signal.SIGBUS: "a file was cut short or a disk failed while it was read",
@@ -12,9 +14,11 @@ HINTS = {
 
 
 def told_end(status: int) -> str:
-    """What `subprocess` gives as return code, in words that follow the program's name."""
+    """What `subprocess` gives as return code, or WITH_ITS_STARTER, in words that follow the program's name."""
     if status == 0:
         return "ended by itself"
+    if status == WITH_ITS_STARTER:
+        return "was ended, since the process that starts servers had ended"
     if status > 0:
         return f"ended with status {status}; its own output tells why"
     try:

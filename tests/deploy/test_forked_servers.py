@@ -19,6 +19,7 @@ from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy import local
 from volsplat.deploy.fork_server import Start
 from volsplat.deploy.forked_servers import COMMAND, FORK_SERVER, ForkedServers, forked_servers
+from volsplat.deploy.process_end import WITH_ITS_STARTER
 from volsplat.deploy.server_command import Program
 
 __all__ = ["head"]
@@ -60,7 +61,7 @@ def test_what_is_asked_of_a_fork_server_that_is_ended_while_it_loads_ends() -> N
     forks = ForkedServers()
     server = forks.start(Program.SPLAT_SERVER, [], {})
     server.terminate()
-    assert server.wait(PATIENCE) == -signal.SIGKILL and not server.pid
+    assert server.wait(PATIENCE) == WITH_ITS_STARTER and not server.pid
     wait_until(lambda: forks.gone, "is it noticed")
     with pytest.raises(OSError, match="gone"):
         forks.start(Program.SPLAT_SERVER, [], {})
@@ -95,7 +96,8 @@ def test_none_is_started_in_the_place_of_one_that_ends_with_its_session(
 
 def test_a_session_outlives_its_fork_server(head: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(local, "forked_servers", forked_servers)  # one of its own
-    with Session(head, workers=2) as session:
+    told: list[str] = []
+    with Session(head, workers=2, on_loss=told.append) as session:
         scene = session.default_scene()
         expected = session.finish(scene).published.pixels
         before = session.server_processes
@@ -103,6 +105,7 @@ def test_a_session_outlives_its_fork_server(head: Path, monkeypatch: pytest.Monk
         wait_until(lambda: not set(before) & set(session.server_processes), "do its servers end")
         wait_until(lambda: len(session.server_processes) == 3, "are others started")
         assert bytes(session.finish(scene).published.pixels) == bytes(expected)
+    assert told and not any("SIGKILL" in line for line in told), told
 
 
 def test_a_client_that_is_killed_leaves_no_fork_server() -> None:

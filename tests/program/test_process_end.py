@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from volsplat.deploy.local import LocalServers
-from volsplat.deploy.process_end import told_end
+from volsplat.deploy.process_end import WITH_ITS_STARTER, told_end
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.wire.tokens import new_token
 
@@ -26,6 +26,10 @@ from volsplat.protocol.wire.tokens import new_token
 def test_a_signal_is_named_and_a_status_points_to_the_output(ends: str, told: str) -> None:
     ended = subprocess.run([sys.executable, "-c", f"import os, signal, sys; {ends}"])
     assert told_end(ended.returncode).startswith(told)
+
+
+def test_a_server_that_ends_with_its_starter_is_not_said_to_be_killed_for_want_of_memory() -> None:
+    assert told_end(WITH_ITS_STARTER) == "was ended, since the process that starts servers had ended"
 
 
 def test_a_start_that_is_interrupted_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
