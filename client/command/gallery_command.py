@@ -41,10 +41,9 @@ def gallery(out: Path, data: Path | None, size: int, step: str, **settings: Any)
     console = SideConsole()
     began = time.perf_counter()
     with interrupts_held():
-        from volsplat.client.gallery.drawing import check_places, draw_gallery
+        from volsplat.client.gallery.drawing import draw_gallery, gallery_folder
         from volsplat.client.gallery.plates import IMAGES, PLATES
-    check_places(out, data)
-    with shown_progress(len(IMAGES), console) as (say, done):
+    with gallery_folder(out, data), shown_progress(len(IMAGES), console) as (say, done):
 
         @contextmanager
         def opened(volume: str) -> Iterator[Renderer]:

@@ -1,7 +1,8 @@
 """Draws the plates' images, each volume opened once, and lays them on their sheets."""
 
+import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,8 +48,23 @@ def image_path(folder: Path, image: PlateImage) -> Path:
     return folder / f"{image.name}.png"
 
 
-def check_places(folder: Path, data: Path | None) -> None:
-    """Make the folder, and raise BadInput if it, an image in it or the folder of data cannot be used."""
+@contextmanager
+def gallery_folder(folder: Path, data: Path | None) -> Iterator[None]:
+    """Make the folder; what was made of it is gone again if it holds nothing in the end.
+
+    Raises BadInput if it, an image in it or the folder of data cannot be used.
+    """
+    absent = [place for place in (folder, *folder.parents) if not os.path.exists(place)]
+    try:
+        _check_places(folder, data)
+        yield
+    finally:
+        with suppress(OSError):  # one holds something
+            for place in absent:
+                place.rmdir()
+
+
+def _check_places(folder: Path, data: Path | None) -> None:
     if data is not None and not data.is_dir():
         raise BadInput(f"{data}: there is no such folder; --data names the one with the measured volumes")
     try:

@@ -10,6 +10,8 @@ from typing import Any
 
 import msgspec
 
+from volsplat.client.files.temporary_name import behind_links
+from volsplat.client.files.whole_file import is_stream
 from volsplat.protocol.messages.trace_messages import Span
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.open_streams import to_open
@@ -24,6 +26,7 @@ class TraceFile:
         self._rows: dict[tuple[int, str], int] = {}
         self._names: dict[int, str] = {}
         self._separator = b"\n"  # before the next event
+        self._tells = False  # of any span, so that it is worth keeping
         try:
             # Nothing is lost with the process, and failures are told at once.
             self._file = open(to_open(path), "wb", buffering=0)
@@ -40,6 +43,7 @@ class TraceFile:
     def add(self, process: int, frame: int, spans: Iterable[Span], offset: float) -> None:
         """What a process did for a frame; `offset` is added to its seconds. Raises BadInput, as all that writes."""
         self._write_events([event for span in spans for event in self._events(process, frame, span, offset)])
+        self._tells = True
 
     def close(self) -> None:
         """May be called again."""
@@ -77,6 +81,8 @@ class TraceFile:
                 left = left[self._file.write(left) :]
         except OSError as error:
             self._file.close()
+            if not self._tells and not is_stream(self._path):
+                behind_links(self._path).unlink(missing_ok=True)
             raise self._unwritable(error) from error
 
     def _unwritable(self, error: OSError) -> BadInput:

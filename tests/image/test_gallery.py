@@ -14,7 +14,7 @@ import torch
 from support.files.images import read_image
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
-from volsplat.client.gallery.drawing import Drawn, check_places, draw_gallery, label, plate_sheet, sized
+from volsplat.client.gallery.drawing import Drawn, draw_gallery, gallery_folder, label, plate_sheet, sized
 from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path, step_of
 from volsplat.client.image.image_file import read_properties, read_scene
 from volsplat.client.image.picture_sheet import PAPER
@@ -25,7 +25,7 @@ from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.rules.refinement import PAPER_STEPS
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 KINDS = [(image, measured) for image in IMAGES for measured in (False, True) if not measured or image.data.measured]
 
@@ -206,8 +206,8 @@ class Opening:
 def drawn_with(data: Path | None, folder: Path, last: Step = Step.F) -> tuple[Opening, list[int]]:
     opening = Opening()
     counts: list[int] = []
-    check_places(folder, data)
-    draw_gallery(folder, data, 64, opening, lambda text: None, counts.append, last)
+    with gallery_folder(folder, data):
+        draw_gallery(folder, data, 64, opening, lambda text: None, counts.append, last)
     return opening, counts
 
 
@@ -270,8 +270,16 @@ def test_mistakes_are_one_line_that_names_the_cure(person: Person) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
     (tmp_path / "locked").mkdir(mode=0o500)
-    with pytest.raises(BadInput, match="locked"):
-        check_places(tmp_path / "locked", None)
+    with pytest.raises(BadInput, match="locked"), gallery_folder(tmp_path / "locked", None):
+        pass
+
+
+def test_folders_without_an_image_are_gone_again_unless_they_were_there(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for place in ("there", "there/new/out"):
+        with pytest.raises(VolsplatError), gallery_folder(tmp_path / place, None):
+            raise VolsplatError("no servers")
+        assert list(tmp_path.rglob("*")) == [tmp_path / "there"]
 
 
 def test_a_damaged_measured_volume_is_named(person: Person) -> None:

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from support.files.head_volume import head, scene, single, skin
+from support.files.small_disks import fill, small_disk
 from support.files.trace_file import Event, Trace
 from support.patience import PATIENCE
 from volsplat.client import Session
@@ -22,7 +23,7 @@ from volsplat.protocol.messages.trace_messages import MOST_SPANS, ClockRead, Fra
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address
 
-__all__ = ["head", "scene", "single"]
+__all__ = ["head", "scene", "single", "small_disk"]
 
 NO_UNIX_SOCKET = Address("127.0.0.2", 0)  # stands beside that
 
@@ -186,6 +187,23 @@ def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_keeps_no_trace_that_tells_nothing_and_one_that_tells_something(small_disk: Path) -> None:
+    fill(small_disk)
+    with pytest.raises(BadInput, match="trace.json: cannot write the trace: No space left on device; name another"):
+        FrameTracer(small_disk / "trace.json")
+    assert os.listdir(small_disk) == ["filler"]
+    (small_disk / "filler").unlink()
+    tracer = FrameTracer(small_disk / "trace.json")
+    tracer.note(1, "main", "draw", 0.0, 1.0)
+    tracer.finish(1)
+    fill(small_disk)
+    with pytest.raises(BadInput, match="No space left on device"):
+        for _ in range(100):
+            tracer.note(2, "main", "draw", 0.0, 1.0)
+            tracer.finish(2)
+    assert b'"draw"' in (small_disk / "trace.json").read_bytes()
+
+
 def test_a_full_disk_is_told_in_one_line() -> None:
     with pytest.raises(BadInput, match="No space left"):
         FrameTracer(Path("/dev/full"))
