@@ -4,7 +4,6 @@ import importlib
 import os
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,8 @@ from typing import Any
 
 import torch
 
+from volsplat.client.files.temporary_name import take_mode, temporary_name
+from volsplat.client.files.whole_file import is_stream
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -58,6 +59,8 @@ def check_volume_writable(path: Path) -> None:
         raise BadInput(f"{path}: there is no folder {folder}; make it first")
     if path.is_dir():
         raise BadInput(f"{path}: is a folder; name a file")
+    if is_stream(path):
+        raise BadInput(f"{path}: no volume is written into a pipe or a device; name a file")
     if not os.access(folder, os.W_OK) or path.exists() and not os.access(path, os.W_OK):
         raise BadInput(f"{path}: cannot be written; choose another place or change its permissions")
 
@@ -174,13 +177,15 @@ def _appearing_whole(path: Path) -> Iterator[Path]:
     """A folder for files that take their places beside `path` once all are written. Raises BadInput for OSError."""
     try:
         # Beside the target, so that the renaming stays within one file system.
-        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        folder = temporary_name(path.parent / "volume")
+        folder.mkdir(mode=0o700)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None
     try:
         yield folder
         # The header last: who finds it finds its data.
         for written in sorted(folder.iterdir(), key=lambda file: file.name == path.name):
+            take_mode(written, path.parent / written.name)
             os.replace(written, path.parent / written.name)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import stat
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,28 @@ def test_only_the_volume_s_own_files_remain(name: str, files: set[str], tmp_path
     write_volume(tmp_path / name, VALUES, GEOMETRY)
     write_volume(tmp_path / name, VALUES, GEOMETRY)
     assert {path.name for path in tmp_path.iterdir()} == files
+
+
+@pytest.mark.parametrize("extension", [".nrrd", ".nhdr", ".mha", ".nii.gz"])
+def test_a_name_may_be_as_long_as_the_system_allows(tmp_path: Path, extension: str) -> None:
+    path = tmp_path / f"{'n' * (255 - len(extension))}{extension}"
+    write_volume(path, VALUES, GEOMETRY)
+    assert path.is_file()
+
+
+@pytest.mark.parametrize("name", ["v.nrrd", "v.nii"])
+def test_whom_an_old_volume_was_hidden_from_does_not_see_the_new_one(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    (tmp_path / name).chmod(0o600)
+    write_volume(tmp_path / name, VALUES, GEOMETRY)
+    assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o600
+
+
+def test_a_pipe_is_refused_and_stays_one(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "v.nrrd")
+    with pytest.raises(BadInput, match="v.nrrd: no volume is written into a pipe or a device; name a file"):
+        write_volume(tmp_path / "v.nrrd", VALUES, GEOMETRY)
+    assert (tmp_path / "v.nrrd").is_fifo()
 
 
 @pytest.mark.parametrize("name", ["v.nrrd", "v.nhdr", "v.mha", "v.nii", "v.nii.gz", "v.tif"])
