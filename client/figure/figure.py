@@ -12,6 +12,7 @@ from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.scene import Colour
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
+    Declared,
     Key,
     Limits,
     Part,
@@ -21,6 +22,7 @@ from volsplat.protocol.description.scene_key import (
     Switch,
     declarations,
 )
+from volsplat.protocol.description.scene_keys import SceneKey
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
@@ -91,7 +93,13 @@ class Figure(Part, frozen=True):
     ] = False
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        """Numbers may be numpy's, labels a mapping, the ink a name of CSS. Raises BadInput."""
+        for declared in declarations(Figure):
+            msgspec.structs.force_setattr(self, declared.name, _option(declared, getattr(self, declared.name)))
+        try:
+            super().__post_init__()
+        except ValueError as error:
+            raise BadInput(f"figure: {printable(str(error))}") from None
         msgspec.structs.force_setattr(self, "title", printable(self.title))
         msgspec.structs.force_setattr(self, "labels", tuple((printable(text), at) for text, at in self.labels))
 
@@ -127,21 +135,34 @@ def _bright(colour: Colour) -> bool:
 
 
 def figure_with(figure: Figure, options: Mapping[str, Any]) -> Figure:
-    """The figure with other options: labels also by their words, ink by a name of CSS. Raises BadInput."""
+    """The figure with other options. Raises BadInput."""
     names = [declared.name for declared in declarations(Figure)]
-    given = dict(options)
-    for name in given:
+    for name in options:
         if name not in names:
             raise BadInput(f"a figure has no {name}; it has {', '.join(names)}")
-    if isinstance(given.get("labels"), Mapping):
-        given["labels"] = list(given["labels"].items())
-    ink = given.get("ink")
+    return msgspec.structs.replace(figure, **options)
+
+
+def check_figure(figure: object) -> None:
+    """Raises BadInput for what is no figure."""
+    if not isinstance(figure, Figure):
+        raise BadInput(f"figure must be a volsplat.Figure, as Figure(width=8.5), not {printable(repr(figure)[:60])}")
+
+
+def _option(declared: Declared, given: Any) -> Any:
+    """Of its type. Raises BadInput."""
+    value = given.tolist() if hasattr(given, "tolist") else given
     try:
-        if isinstance(ink, str) and ink != "auto":
-            given["ink"] = colour_from_text(ink)
-        return msgspec.convert({name: getattr(figure, name) for name in names} | given, Figure)
+        if isinstance(value, Mapping):
+            value = list(value.items())
+        if declared.name == "ink" and isinstance(value, str) and value != "auto":
+            value = colour_from_text(value)
+        return msgspec.convert(value, declared.kind)
     except ValueError as error:
-        raise BadInput(f"figure: {printable(str(error))}") from error
+        assert isinstance(declared.key, Key)
+        allowed = SceneKey(declared.name, declared, declared.key).allowed
+        told = f"{declared.name}={given!r:.60}: {error}; allowed: {allowed}"
+        raise BadInput(f"figure: {printable(told)}") from None
 
 
 BARE = Figure(scale_bar=False, colour_bar=False, sides=False)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import difflib
 from importlib import import_module
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from volsplat.client.caller.arguments import checked_number
 from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.program.extras import need
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable
@@ -29,8 +30,23 @@ class LitAndGlowing(NamedTuple):
     refl: ColourTable
 
 
-def colormap(name: str, low: float = 0.0, high: float = 1.0) -> ColourTable:
-    """The colour map as a table, from its start at `low` to its end at `high` of the table. Raises BadInput."""
+def colormap(name: str | Any, low: float = 0.0, high: float = 1.0) -> ColourTable:
+    """The colour map as a table, from its start at `low` to its end at `high` of the table. Raises BadInput.
+
+    `name` may be a colour map of matplotlib's itself.
+    """
+    of = _named(name) if isinstance(name, str) else name
+    if not callable(of) or not hasattr(of, "N"):
+        raise BadInput(f"a colour map is named by a text, as 'magma', or is matplotlib's own, not {name!r:.60}")
+    low, high = checked_number(low, "low"), checked_number(high, "high")
+    if not 0.0 <= low < high <= 1.0:
+        raise BadInput(f"a colour map lies between low and high, within 0 and 1, not {low} and {high}")
+    points = [(low + (high - low) * place, colour) for place, colour in _along(of, TABLE_ENTRIES)]
+    return ColourTable(points=tuple(points))
+
+
+def _named(name: str) -> Any:
+    """Matplotlib's colour map. Raises BadInput."""
     need("matplotlib", f"the colour map {name}", "bench")
     import matplotlib
 
@@ -41,17 +57,17 @@ def colormap(name: str, low: float = 0.0, high: float = 1.0) -> ColourTable:
         near = difflib.get_close_matches(name, list(matplotlib.colormaps), 1)
         hint = f"; did you mean {near[0]}?" if near else "; matplotlib.colormaps lists them"
         raise BadInput(f"there is no colour map {name}{hint}")
-    if not 0.0 <= low < high <= 1.0:
-        raise BadInput(f"a colour map lies between low and high, within 0 and 1, not {low} and {high}")
-    points = [(low + (high - low) * place, colour) for place, colour in colours_along(name, TABLE_ENTRIES)]
-    return ColourTable(points=tuple(points))
+    return matplotlib.colormaps[name]
 
 
 def colours_along(name: str, count: int) -> list[tuple[float, Colour]]:
     """So many places of a colour map that is known, from 0 to 1, and its colours there."""
     import matplotlib
 
-    of = matplotlib.colormaps[name]
+    return _along(matplotlib.colormaps[name], count)
+
+
+def _along(of: Any, count: int) -> list[tuple[float, Colour]]:
     places = [n / (count - 1) for n in range(count)]
     return [(place, (float(r), float(g), float(b))) for place, (r, g, b, *_) in zip(places, of(places), strict=True)]
 

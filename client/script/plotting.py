@@ -13,7 +13,7 @@ from volsplat.client.caller.arguments import checked_number, checked_scene, chec
 from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
-from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.figure import Figure, check_figure
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_source import UNPLACED
 from volsplat.client.memory.array_volume import Volume
@@ -72,6 +72,8 @@ def render(
     quicker for many images. Raises BadInput.
     """
     step = checked_step(step)
+    if figure is not None:
+        check_figure(figure)
     if isinstance(volume, Session | SingleProcess):
         return _rendered(volume, scene, step, figure, changes)
     with SingleProcess(volume, threads=usable_cores()) as renderer:

@@ -366,7 +366,7 @@ class Session:
     def widget(self, scene: Scene | None = None, controls: bool = False) -> VolumeWidget:
         """A viewport for a notebook, with the scene as its trait, and with `controls` steps and tables beside it.
 
-        Raises BadInput without the extra [notebook].
+        Raises BadInput without the extra [notebook], and where no event loop runs: a notebook has one.
         """
         need("anywidget", "a widget", "notebook")
         from volsplat.client.ui.notebook_widget import VolumeWidget

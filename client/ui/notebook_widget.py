@@ -22,6 +22,7 @@ from volsplat.client.ui.viewing.saving import image_bytes
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewport.viewport_talk import ViewportTalk
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import BadInput
 
 START = "viewport/viewport.js"
 CONTROLS = "notebook/notebook_controls.js"
@@ -63,13 +64,14 @@ class VolumeWidget(anywidget.AnyWidget):
     def __init__(
         self, session: Session, scene: Scene | None = None, controls: bool = False, height: int = HEIGHT
     ) -> None:
-        """Raises RuntimeError outside an event loop; a notebook has one."""
+        """Raises BadInput outside an event loop; a notebook has one."""
+        event_loop = _event_loop()
         first = session.default_scene() if scene is None else checked_scene(scene)
         modules = modules_from(START, CONTROLS) if controls else modules_from(START)
         super().__init__(modules=modules, controls=controls, height=height, scene=first)
         self._viewing = opened_viewing(session, first)
-        self._viewing.pictures.attach(asyncio.get_running_loop())
-        self._viewing.troubles.attach(asyncio.get_running_loop())
+        self._viewing.pictures.attach(event_loop)
+        self._viewing.troubles.attach(event_loop)
         self._views: dict[str, _View] = {}  # a notebook may show several
         self._viewing.model.subscribe(self._on_scene)
         self.observe(self._on_scene_set, names="scene")
@@ -142,6 +144,15 @@ class VolumeWidget(anywidget.AnyWidget):
         scene: Scene = change["new"]
         if scene != self._viewing.model.scene:
             self._viewing.model.change(lambda _: msgspec.structs.replace(scene), by="notebook")
+
+
+def _event_loop() -> asyncio.AbstractEventLoop:
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        raise BadInput(
+            "a widget lives in a notebook, and no event loop runs here; volsplat.view(session) opens the page instead"
+        ) from None
 
 
 @dataclass(frozen=True)

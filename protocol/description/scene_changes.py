@@ -83,7 +83,9 @@ def _patch(value: Any) -> Patch:
 
 
 def _put_size(scene: Scene, value: Any) -> Scene:
-    width, height = msgspec.convert((value, value) if isinstance(value, int) else value, tuple[int, int])
+    both = (value, value) if isinstance(value, int | float) else value
+    whole = tuple(int(side) if isinstance(side, float) and side.is_integer() else side for side in both)
+    width, height = msgspec.convert(whole, tuple[int, int])
     return msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, width=width, height=height))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,7 +18,7 @@ from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
 from volsplat.client.figure.drawing import Area, Ramp
-from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.figure.layout import figure_extent, sized
 from volsplat.client.figure.pointing_labels import place_of
 from volsplat.client.figure.scale_bars import bar_length
@@ -218,3 +219,29 @@ def test_without_room_for_a_picture_there_is_no_figure() -> None:
     ):
         with pytest.raises(BadInput, match=why):
             sized(figure, SCENE, surveyed())
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"width": "8cm"}, "figure: width='8cm': .*; allowed: 1/2 to 200 cm, or \"auto\""),
+        ({"height": 0.1}, 'figure: height must be 1/2 to 200 cm or "auto", not 0.1'),
+        ({"dpi": None}, "figure: dpi=None: .*; allowed: 20 to 2400 pixels per inch"),
+        ({"title": 3}, "figure: title=3: .*; allowed: a text"),
+        ({"labels": 3}, "figure: labels=3: .*; allowed: "),
+        ({"labels": {"nose": (1, 2)}}, "figure: labels="),
+        ({"ink": "reed"}, "figure: ink='reed': .*; allowed: "),
+        ({"scale_bar": "yes"}, "figure: scale_bar='yes': .*; allowed: true or false"),
+    ],
+)
+def test_what_no_figure_can_have_is_refused_where_it_is_made(options: dict[str, Any], told: str) -> None:
+    with pytest.raises(BadInput, match=told) as refused:
+        Figure(**options)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(BadInput, match=told):
+        figure_with(Figure(), options)
+
+
+def test_a_figure_takes_other_libraries_numbers_and_labels_by_their_words() -> None:
+    figure = Figure(width=np.float32(8), dpi=np.int64(50), labels={"nose": (1, 2, 3)}, ink="red")  # type: ignore[arg-type]
+    assert figure == Figure(width=8.0, dpi=50.0, labels=(("nose", (1.0, 2.0, 3.0)),), ink=(1.0, 0.0, 0.0))

@@ -68,12 +68,25 @@ def test_what_a_scene_cannot_have_is_refused_in_a_line(changes: dict[str, Any], 
     assert message in str(raised.value) and "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("size", [64.0, np.float32(64), (64.0, 64), np.array([64, 64])])
+def test_a_size_in_whole_numbers_of_any_kind_is_taken(size: Any) -> None:
+    image = SCENE.with_(size=size).image
+    assert (image.width, image.height) == (64, 64)
+
+
+@pytest.mark.parametrize("size", [64.5, None, "64", (64,), float("nan")])
+def test_a_size_that_is_none_is_refused(size: Any) -> None:
+    with pytest.raises(BadInput, match=r"allowed: pixels, or \(width, height\)"):
+        SCENE.with_(size=size)
+
+
 def test_a_colour_map_is_a_table() -> None:
     import matplotlib
 
     table = SCENE.with_(emit=colormap("viridis")).tables.emit
     map_itself = matplotlib.colormaps["viridis"](np.linspace(0, 1, 256))[:, :3]
     assert np.allclose(table.entries(), map_itself)
+    assert colormap(matplotlib.colormaps["viridis"]) == table
     placed = colormap("gray", 0.25, 0.5)
     assert placed.points[0] == (0.25, (0.0, 0.0, 0.0)) and placed.points[-1] == (0.5, (1.0, 1.0, 1.0))
     assert not isinstance(placed, ScalarTable)
@@ -81,9 +94,14 @@ def test_a_colour_map_is_a_table() -> None:
 
 @pytest.mark.parametrize(
     ("name", "places", "message"),
-    [("virdis", (0, 1), "did you mean viridis?"), ("viridis", (0.5, 0.5), "lies between low and high")],
+    [
+        ("virdis", (0, 1), "did you mean viridis?"),
+        ("viridis", (0.5, 0.5), "lies between low and high"),
+        ("viridis", ("low", 1), "low must be a number"),
+        (None, (0, 1), "a colour map is named by a text, as 'magma', or is matplotlib's own, not None"),
+    ],
 )
-def test_a_colour_map_that_is_not_there_is_refused(name: str, places: tuple[float, float], message: str) -> None:
+def test_a_colour_map_that_is_not_there_is_refused(name: Any, places: tuple[float, float], message: str) -> None:
     with pytest.raises(BadInput) as raised:
         colormap(name, *places)
     assert message in str(raised.value)

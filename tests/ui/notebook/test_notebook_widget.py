@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import gc
 import json
 import re
 from collections.abc import Awaitable, Callable
@@ -70,6 +71,14 @@ def in_notebook(tmp_path: Path, use: Callable[[Notebook], Awaitable[None]]) -> N
             notebook.widget.close()
 
     asyncio.run(run())
+
+
+def test_a_widget_without_a_notebook_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", (16, 16, 16)))
+    with Session(tmp_path / "shells.nrrd", workers=1) as session:
+        with pytest.raises(BadInput, match=r"no event loop runs here; volsplat\.view\(session\) opens the page"):
+            session.widget()
+        gc.collect()  # which ends the widget; what it raises then fails the test
 
 
 def test_a_widget_may_be_closed_more_than_once(tmp_path: Path) -> None:
