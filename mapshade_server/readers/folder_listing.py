@@ -2,7 +2,9 @@
 
 import os
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.arrays import raw_voxels
 from volsplat.mapshade_server.readers.medicine import dicom_series, picture_folder, tiff_folder
@@ -20,7 +22,18 @@ from volsplat.protocol.messages.folder_messages import (
 )
 from volsplat.protocol.text.errors import BadInput
 
+FILES_KEPT, FOLDERS_KEPT = 1 << 16, 4  # that were looked at: who types a name asks for a folder with each letter
+
 SLICES = (("TIFF slices", tiff_folder.recognises_folder), ("pictures", picture_folder.recognises_folder))
+
+
+class _State(NamedTuple):
+    """A file as it is: it changes with whatever is written to it, or put in its place."""
+
+    path: Path
+    file: int
+    size: int
+    changed: int  # ns
 
 
 def listed(request: ListFolder) -> FolderListed:
@@ -74,20 +87,25 @@ def _entries(root: Path, folder: Path, exactly: str) -> tuple[list[FolderEntry],
     """What has these words in its name, first what is named exactly so: it is told however much there is beside it."""
     words = exactly.casefold()
     folders, files = _sorted(root, folder)
-    images, volumes, left_out = list[Path](), list[FolderEntry](), 0
+    images, volumes, left_out = list[_State](), list[FolderEntry](), 0
     entries = [_folder(path) for path in folders if words in path.name.casefold()]
     room = MOST_ENTRIES - len(entries[:MOST_ENTRIES])
     for path in files:
-        if (found := _format(path)) is None:
+        try:
+            state = _state(path)
+            found = _format(state)
+        except OSError:  # not for us to read
+            continue
+        if found is None:
             continue
         if found is DICOM:
-            images.append(path)
+            images.append(state)
         elif words in path.name.casefold():
             if len(volumes) < room or path.name == exactly:
-                volumes.append(_file(path, found))
+                volumes.append(_file(state, found))
             else:
                 left_out += 1
-    whole = [entry for entry in (*_slices(folder), *_series(images)) if words in entry.kind.casefold()]
+    whole = [entry for entry in (*_slices(folder), *_series(tuple(images))) if words in entry.kind.casefold()]
     every = sorted([*entries, *whole, *volumes], key=lambda entry: not entry.name or entry.name != exactly)
     return every[:MOST_ENTRIES], left_out + max(len(every) - MOST_ENTRIES, 0)
 
@@ -123,17 +141,23 @@ def _leads_below(root: Path, link: Path) -> bool:
         return False
 
 
-def _format(path: Path) -> VolumeFormat | None:
-    """Of a file that can be opened as it is, None for any other."""
-    try:
-        packed, head = head_of(path)
-    except OSError:  # not for us to read
-        return None
-    found = format_of(path, head) if head else None
-    if found is None or (packed and not found.gzip):
-        return None
-    undescribed = found is RAW and not raw_voxels.describes(path, "")
+def _state(path: Path) -> _State:
+    found = path.stat()
+    return _State(path, found.st_ino, found.st_size, found.st_ctime_ns)
+
+
+def _format(state: _State) -> VolumeFormat | None:
+    """Of a file that can be opened as it is, None for any other. Raises OSError."""
+    found = _format_by_head(state)
+    undescribed = found is RAW and not raw_voxels.describes(state.path, "")
     return None if undescribed else found
+
+
+@lru_cache(FILES_KEPT)
+def _format_by_head(state: _State) -> VolumeFormat | None:
+    packed, head = head_of(state.path)
+    found = format_of(state.path, head) if head else None
+    return None if found is None or (packed and not found.gzip) else found
 
 
 def _folder(path: Path) -> FolderEntry:
@@ -142,9 +166,9 @@ def _folder(path: Path) -> FolderEntry:
     return FolderEntry(path.name, "", "folder", 0, is_folder=True, is_volume=False)
 
 
-def _file(path: Path, found: VolumeFormat) -> FolderEntry:
+def _file(state: _State, found: VolumeFormat) -> FolderEntry:
     kind = found.name.partition(" (")[0]
-    return FolderEntry(path.name, "", kind, path.stat().st_size, is_folder=found.parts, is_volume=True)
+    return FolderEntry(state.path.name, "", kind, state.size, is_folder=found.parts, is_volume=True)
 
 
 def _slices(folder: Path) -> Iterator[FolderEntry]:
@@ -154,7 +178,10 @@ def _slices(folder: Path) -> Iterator[FolderEntry]:
             yield FolderEntry("", "", kind, 0, is_folder=False, is_volume=True)
 
 
-def _series(images: list[Path]) -> Iterator[FolderEntry]:
+@lru_cache(FOLDERS_KEPT)
+def _series(images: tuple[_State, ...]) -> tuple[FolderEntry, ...]:
     """The volumes that DICOM images make."""
-    for part, told in dicom_series.told_series(images):
-        yield FolderEntry("", part, told[:LONGEST_KIND], 0, is_folder=False, is_volume=True)
+    return tuple(
+        FolderEntry("", part, told[:LONGEST_KIND], 0, is_folder=False, is_volume=True)
+        for part, told in dicom_series.told_series([image.path for image in images])
+    )

@@ -12,6 +12,7 @@ import pytest
 import zarr
 from astropy.io import fits
 
+from support.files.counted_bytes import bytes_read
 from support.files.dicom_files import numbered, series
 from support.files.reflection_files import mtz
 from volsplat.client.phantoms import make_phantom
@@ -128,6 +129,32 @@ def test_of_a_large_folder_the_first_are_told_and_a_part_of_a_name_finds_the_res
     last = f"{MOST_ENTRIES + 6:04}"
     found = look(root, words=last)
     assert [entry.name for entry in found.entries] == [f"{last}.npy"] and found.left_out == 0
+
+
+def test_files_that_stay_as_they_are_are_looked_into_once(root: Path) -> None:
+    """With each letter that somebody types the folder is asked for again."""
+    for n in range(50):
+        (root / f"{n}.nrrd").write_bytes(b"NRRD0004\n" + bytes(2000))
+    series(root, numbered(8))
+    told = look(root)
+    before = bytes_read()
+    assert look(root) == told
+    assert [entry.name for entry in look(root, words="49").entries] == ["49.nrrd"]
+    assert bytes_read() - before < 50 * 2000
+
+
+def test_a_file_that_is_changed_or_replaced_is_looked_into_anew(root: Path) -> None:
+    path, other = root / "volume", root / ".other"
+    np.save(root / "array.npy", np.zeros((4, 4, 4), np.uint8))
+    array = (root / "array.npy").read_bytes()
+    path.write_bytes(array)
+    assert [entry.kind for entry in look(root, words="volume").entries] == ["NumPy array"]
+    path.write_bytes(b"NRRD0004\n".ljust(len(array) - 1))
+    assert [entry.kind for entry in look(root, words="volume").entries] == ["NRRD"]
+    other.write_bytes(array[:-1])
+    os.utime(other, ns=(path.stat().st_atime_ns, path.stat().st_mtime_ns))
+    other.replace(path)
+    assert [entry.kind for entry in look(root, words="volume").entries] == ["NumPy array"]
 
 
 def test_what_is_named_exactly_is_told_first_however_many_have_its_name_in_theirs(root: Path) -> None:
