@@ -25,7 +25,7 @@ from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import LOOPBACK
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
-from volsplat.protocol.wire.heartbeat import Heartbeat
+from volsplat.protocol.wire.heartbeat import UNTAKEN, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 
@@ -132,6 +132,7 @@ def _opened(name: str) -> Iterator[Way]:
                 server = listener.accept(JOIN_SECONDS)
                 if server is None:
                     raise PeerLost(f"the splat server has not joined for {JOIN_SECONDS:g} s")
+                server.lose_after(UNTAKEN * heartbeat.silence)
                 heartbeat.keep(server, lambda: heartbeat.silence)
                 yield Way(name, server, psutil.Process(process.pid))
                 server.close()

@@ -34,7 +34,7 @@ from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
 from volsplat.protocol.wire.encryption import Encryption
-from volsplat.protocol.wire.heartbeat import Heartbeat
+from volsplat.protocol.wire.heartbeat import UNTAKEN, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
@@ -238,6 +238,8 @@ class ServerLinks:
         self._on_event(joined)
         if self._tracer is not None:
             self._tracer.joined(peer.id, str(peer), outgoing.post)
+        if not connection.may_share_memory:  # no network swallows what is sent within a machine
+            connection.lose_after(UNTAKEN * self._heartbeat.silence)
         self._heartbeat.keep(connection, lambda: self._heartbeat.silence)
         cause = self._heard_until_lost(connection, heard)
         if peer.id not in self._leaving:  # who leaves ends by itself

@@ -7,8 +7,8 @@ from volsplat.deploy.cluster.state import KnownServer
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.meeting import Meeting
 from volsplat.protocol.messages.link_messages import LARGEST_MEASURE, LinkMeasured, MeasureLink
-from volsplat.protocol.text.errors import VolsplatError
-from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.wire.connection import PATH_CURE, Connection
 
 ROUNDS = 5  # of which the fastest counts: what else runs only makes them slower
 ENOUGH_SECONDS = 1.0  # for one way of a slow link, after its first round
@@ -20,8 +20,14 @@ def link_speed(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[
     name = one.started.name
     try:
         nothing = min(_rounds(server, meeting, 0, 0))
+    except VolsplatError as error:
+        return Finding(name, "speed", False, str(error)), None
+    try:
         there = min(_rounds(server, meeting, LARGEST_MEASURE, 0)) - nothing
         back = min(_rounds(server, meeting, 0, LARGEST_MEASURE)) - nothing
+    except PeerLost as error:
+        line = f"small messages get through, and large ones do not, {LARGEST_MEASURE >> 20} MiB either way: {error}"
+        return Finding(name, "speed", False, line if PATH_CURE in line else f"{line}; {PATH_CURE}"), None
     except VolsplatError as error:
         return Finding(name, "speed", False, str(error)), None
     line = f"{nothing * 1e3:.2g} ms there and back, {_rate(there)} to it, {_rate(back)} from it"

@@ -17,7 +17,7 @@ from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
-from volsplat.protocol.wire.heartbeat import Heartbeat
+from volsplat.protocol.wire.heartbeat import UNTAKEN, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 
 log = logging.getLogger(__name__)
@@ -148,6 +148,7 @@ class Meeting:
         )
 
     def _take(self, one: KnownServer, connection: Connection) -> None:
+        connection.lose_after(UNTAKEN * self._heartbeat.silence)
         self._heartbeat.keep(connection, lambda: self._heartbeat.silence)
         with self._came:
             self._there[one.started.name] = connection

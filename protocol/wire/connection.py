@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from typing_extensions import Buffer
 
 OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
+PATH_CURE = "check the network between, and whether it lets packets of full size through (MTU)"
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
 SHORT_MESSAGE = 4096  # bytes; a third of the smallest send buffer holds it
 
@@ -370,6 +371,8 @@ class Connection:
     def _lost(self, error: OSError) -> VolsplatError:
         if isinstance(error, TimeoutError) and self._deadline is not None:
             return self._closed_for(f"{self} did not finish the handshake in time")
+        if error.errno == errno.ETIMEDOUT:
+            return self._closed_for(f"{self} is gone: what is sent to it does not arrive, or is not taken; {PATH_CURE}")
         return self._closed_for(f"{self} is gone: {error.strerror or error}; {OWN_OUTPUT}")
 
     def _closed_for(self, loss: str) -> VolsplatError:

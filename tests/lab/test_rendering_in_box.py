@@ -7,19 +7,21 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from support.checkout import ROOT
 from support.engines.dask import dask_cluster
 from support.files.head_volume import head
 from support.files.images import read_image
-from support.lab.box import NAMES, Box, box, why_no_box
+from support.lab.box import GIGABIT, NAMES, Box, box, why_no_box
+from support.lab.host_network import HostNetwork, why_unharmed
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT
 
 __all__ = ["head"]
 
-WHY_NOT = why_no_box()
+WHY_NOT, WHY_UNHARMED = why_no_box(), why_unharmed()
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 
 CT_HEAD = ROOT.parent / "shared" / "data" / "ct_head" / "ct_head_96x128x113.nrrd"
@@ -46,14 +48,14 @@ def cluster_file(box: Box, folder: Path) -> Path:
     return path
 
 
-def runs(box: Box, folder: Path, *words: str) -> str:
-    """The command on the client's host."""
+def runs(box: Box, folder: Path, *words: str, status: int = 0) -> str:
+    """What the command says on the client's host."""
     environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
     command = [*box.hosts["client"].inside, str(VOLSPLAT), *words]
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == status, done.stderr
     return done.stdout
 
 
@@ -99,3 +101,20 @@ def test_a_cluster_brought_up_through_ssh_draws_each_bit_as_a_single_process(
 
 def test_so_does_one_whose_servers_are_tasks_of_dask(whole: Box, volume: Path, dask: Path) -> None:
     assert_drawn_alike(whole, volume, dask)
+
+
+@pytest.mark.skipif(bool(WHY_UNHARMED), reason=WHY_UNHARMED)
+def test_the_doctor_names_a_link_that_carries_small_packets_alone(whole: Box, tmp_path: Path) -> None:
+    cluster = str(cluster_file(whole, tmp_path))
+    runs(whole, tmp_path, "deploy", "up", cluster)
+    host = whole.hosts["worker-1"]
+    network = HostNetwork(host, psutil.Process(whole.servers("worker-1")[0]), GIGABIT)
+    try:
+        network.swallow_large()
+        found = runs(whole, tmp_path, "deploy", "doctor", cluster, status=2).splitlines()
+    finally:
+        network.heal()
+        runs(whole, tmp_path, "deploy", "down", cluster)
+    wrong = [line for line in found if line.startswith("WRONG worker-1")]
+    assert any("speed: small messages get through, and large ones do not" in line for line in wrong), found
+    assert all("MTU" in line for line in wrong if "speed" in line)
