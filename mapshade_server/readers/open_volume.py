@@ -1,5 +1,6 @@
 """Opens a volume with the reader that knows its content. A new format is one more line of a table."""
 
+import errno
 import os
 import zlib
 from collections.abc import Callable
@@ -216,6 +217,8 @@ def format_of(path: Path, head: bytes) -> VolumeFormat | None:
 def _opened(path: Path, part: str) -> OpenedVolume:
     check_is_file(path)
     if path.is_dir():
+        if not os.access(path, os.X_OK):  # else what is looked for in it would be named, which need not be there
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
         return next(one for one in FOLDER_FORMATS if one.recognises(path)).open(path, part)
     packed, head = head_of(path)
     if not head:

@@ -1,6 +1,10 @@
 """What the volume readers refuse, each in one line that names the cause and the cure, and nothing else printed."""
 
 import errno
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -163,3 +167,19 @@ def test_a_closed_file_of_a_folder_is_named(tmp_path: Path, monkeypatch: pytest.
     assert refused(tmp_path / "scan") == (
         f"{closed}: cannot be read (Permission denied); check its permissions and its disk"
     )
+
+
+NO_PRIVILEGE = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-dac_override,-dac_read_search")
+OPENS = "import sys; from volsplat.mapshade_server.readers.open_volume import open_volume; open_volume(sys.argv[1])"
+
+
+@pytest.mark.parametrize("mode", [0o000, 0o300, 0o444])
+def test_a_closed_folder_is_named_and_no_file_that_is_not_there(tmp_path: Path, mode: int) -> None:
+    as_anybody = () if os.geteuid() else NO_PRIVILEGE
+    if as_anybody and (shutil.which("setpriv") is None or subprocess.run([*as_anybody, "true"]).returncode):
+        pytest.skip("root sees all here: this needs setpriv, or another user")
+    folder = tmp_path / "folder"
+    folder.mkdir(mode=mode)
+    done = subprocess.run([*as_anybody, sys.executable, "-c", OPENS, folder], capture_output=True, encoding="utf-8")
+    folder.chmod(0o700)
+    assert f"{folder}: cannot be read (Permission denied); check its permissions and its disk" in done.stderr
