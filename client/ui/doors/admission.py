@@ -79,7 +79,7 @@ class Asked:
 class Admitted:
     """It may pass."""
 
-    host: str  # as the browser names it, with its port
+    place: PublicAddress  # where the browser has it
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Admission:
             return Refused(403, _TOKEN)
         if asked.from_elsewhere:
             return Refused(403, _ANOTHER_PAGE)
-        return Admitted(place.host)
+        return Admitted(place)
 
     def _place(self, asked: Asked) -> PublicAddress | None:
         """Where the browser thinks that the page is; None if it is nowhere there."""

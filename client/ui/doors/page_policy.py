@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import re
 
+from volsplat.client.ui.doors.public_address import PublicAddress
+
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -19,13 +21,14 @@ HEADERS = {
 NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 """The policy of every answer that is no page."""
 
-_HOST_IN_A_POLICY = re.compile(r"[\w.]+(?::[0-9]+)?")  # no IPv6 address can stand in one
+_HOST_IN_A_POLICY = re.compile(r"[\w.-]+(?::[0-9]+)?")  # no IPv6 address can stand in one
 
 
-def page_policy(nonce: str, host: str) -> str:
-    """For a page that was asked for at `host`, whose scripts carry the nonce."""
+def page_policy(nonce: str, place: PublicAddress) -> str:
+    """For a page that the browser has at that place, and whose scripts carry the nonce."""
     # That 'self' holds for sockets as well is younger than some browsers.
-    sockets = f" ws://{host}" if _HOST_IN_A_POLICY.fullmatch(host) else ""
+    scheme = "wss" if place.encrypted else "ws"
+    sockets = f" {scheme}://{place.host}" if _HOST_IN_A_POLICY.fullmatch(place.host) else ""
     return (
         f"{NOTHING}; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
         f"img-src 'self' data: blob:; font-src 'self'; connect-src 'self'{sockets}"

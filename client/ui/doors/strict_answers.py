@@ -10,6 +10,7 @@ from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from volsplat.client.ui.doors.page_policy import HEADERS, NOTHING, page_policy
+from volsplat.client.ui.doors.public_address import PublicAddress
 
 _SCRIPT = re.compile(rb"<script(?=[\s>])")
 
@@ -71,7 +72,7 @@ async def _send_page(scope: Scope, start: Message, body: bytes, send: Send) -> N
     if "content-length" in headers:
         headers["content-length"] = str(len(body))
     host = next((value.decode("latin-1") for name, value in scope["headers"] if name == b"host"), "")
-    headers["Content-Security-Policy"] = page_policy(nonce, host)
+    headers["Content-Security-Policy"] = page_policy(nonce, PublicAddress(scope["scheme"], host))
     await send(start)
     await send({"type": "http.response.body", "body": body})
 

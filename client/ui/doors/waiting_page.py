@@ -90,7 +90,7 @@ class WaitingPage:
         if path != "/":
             return HTTPStatus.NOT_FOUND, {"Content-Type": _TEXT}, "volsplat: the page is not there yet\n"
         nonce = secrets.token_urlsafe(18)
-        policy = {"Content-Security-Policy": page_policy(nonce, verdict.host)}
+        policy = {"Content-Security-Policy": page_policy(nonce, verdict.place)}
         page = self._page.substitute(name=self._name, nonce=nonce, styles=frame_styles())
         return HTTPStatus.OK, {"Content-Type": _HTML} | policy, page
 

@@ -6,16 +6,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 
 from support.pages import patient_http
-from support.pages.browser import browser, browser_page
+from support.pages.browser import browser, browser_page, serving
 from support.pages.page_tab import after, drag, opened
 from support.pages.prefix_proxy import prefix_proxy
 from support.pages.viewed import viewed
 from support.programs.hand_started import free_port
 from volsplat.client.ui.doors.admission import Admission, Admitted, Asked, Refused, Welcomed
+from volsplat.client.ui.doors.behind_proxy import BehindProxy
+from volsplat.client.ui.doors.page_policy import page_policy
 from volsplat.client.ui.doors.peer_owner import PeerOwner
 from volsplat.client.ui.doors.public_address import PublicAddress
+from volsplat.client.ui.doors.strict_answers import ScriptNonces
 from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:
@@ -74,6 +81,33 @@ def test_a_proxy_that_passes_no_sockets_on_is_named_and_the_first_picture_stays(
             assert page.evaluate("() => window.volsplatViewport.canvas.width") > 0
             assert proxy.outside == []
             page.goto("about:blank")
+
+
+async def a_page(request: Request) -> HTMLResponse:
+    return HTMLResponse("<!doctype html><script></script>")
+
+
+@pytest.mark.parametrize(
+    ("url", "host", "sockets"),
+    [
+        ("https://hub.example.org/me/", "hub.example.org", "wss://hub.example.org"),
+        ("https://my-hub.example.org:444/", "my-hub.example.org:444", "wss://my-hub.example.org:444"),
+        ("http://hub.example.org/me/", "hub.example.org", "ws://hub.example.org"),
+        ("https://hub.example.org/me/", "localhost:8123", "ws://localhost:8123"),
+    ],
+)
+def test_sockets_are_allowed_as_the_browser_opens_them(url: str, host: str, sockets: str) -> None:
+    """Where 'self' does not hold for sockets, the policy must name them."""
+    behind = PublicAddress.of(url)
+    admission = Admission(PeerOwner(None), behind)
+    welcomed = ask(admission, host, query=f"token={admission.token}")
+    assert isinstance(welcomed, Welcomed)
+    admitted = ask(admission, host, cookie=welcomed.cookie.partition(";")[0])
+    assert isinstance(admitted, Admitted)
+    with serving(BehindProxy(ScriptNonces(Starlette(routes=[Route("/{path:path}", a_page)])), behind)) as base:
+        page = patient_http.get(f"{base}/", headers={"Host": host})
+    for policy in (page_policy("nonce", admitted.place), page.headers["content-security-policy"]):
+        assert policy.endswith(f"; connect-src 'self' {sockets}")
 
 
 def ask(admission: Admission, host: str, path: str = "/", query: str = "", **headers: str) -> object:
