@@ -10,9 +10,13 @@ from support.messages.coordinated import (
     DESCRIPTION,
     FIRST,
     JOINED,
+    MAP_STATS,
+    MORE_SPLAT_SERVERS,
     NO_DATA,
     SCENE,
     SECOND,
+    SPLAT,
+    SPLAT_STATS,
     THIRD,
     CheckedCoordinator,
     drawing,
@@ -23,7 +27,14 @@ from support.messages.coordinated import (
 )
 from support.messages.message_samples import IDENTITY, SAMPLES
 from volsplat.client.coordinator.coordinator import OWNERS
-from volsplat.client.coordinator.coordinator_events import CutOff, FailSession, FrameAsked, Instruction, ServerJoined
+from volsplat.client.coordinator.coordinator_events import (
+    CutOff,
+    FailSession,
+    FrameAsked,
+    Instruction,
+    PublishImage,
+    ServerJoined,
+)
 from volsplat.client.coordinator.phase import Phase
 from volsplat.protocol.description.scene import Quantise, Scene, Step
 from volsplat.protocol.messages import messages
@@ -126,6 +137,54 @@ def test_the_wrong_phase_ends_a_connection_and_not_the_session(phase: Phase, kin
     told = say(coordinator, SECOND, kind)
     assert cut_off(told, SECOND) == f"map/shade server 3 broke the protocol: {fault}"
     assert not any(isinstance(i, FailSession) for i in told)
+
+
+OTHER_SPLAT = MORE_SPLAT_SERVERS[0]
+TWO_ROWS = msgspec.structs.replace(SPLAT_STATS, work=[1, 1])
+LIES: dict[str, tuple[int, messages.Message, str]] = {
+    "work in other rows": (
+        SPLAT,
+        messages.FrameFinished(1, True, [], TWO_ROWS),
+        "it counted its work in 2 rows of tiles, but has 1",
+    ),
+    "a part that it has not": (
+        OTHER_SPLAT.server,
+        messages.FrameFinished(1, True, [], SPLAT_STATS),
+        "it draws nothing of frame 1",
+    ),
+    "no splat server": (
+        FIRST,
+        messages.FrameMapped(1, MAP_STATS, [99]),
+        "it cannot reach [99] for frame 1, but its splat servers are [1]",
+    ),
+    "no worker": (
+        SPLAT,
+        messages.FrameFinished(1, False, [99], SPLAT_STATS),
+        "frame 1 is incomplete for lack of [99], but its workers are [2, 3]",
+    ),
+    "another step": (
+        SPLAT,
+        messages.ImageRead(1, Step.E, True, 0, 0, 1, 1, messages.RawPixels()),
+        "the image of frame 1 is step E and ",
+    ),
+    "another place": (
+        SPLAT,
+        messages.ImageRead(1, Step.F, True, 1, 0, 1, 1, messages.RawPixels()),
+        "the image of frame 1 is step F and ",
+    ),
+}
+
+
+@pytest.mark.parametrize(("server", "message", "fault"), LIES.values(), ids=LIES)
+def test_what_cannot_be_said_of_a_frame_ends_the_connection_and_is_not_believed(
+    server: int, message: messages.Message, fault: str
+) -> None:
+    coordinator = drawing()
+    for event in joins(OTHER_SPLAT):
+        coordinator.handle(event)
+    told = coordinator.handle(said(server, message, bytes(16) if isinstance(message, messages.ImageRead) else b""))
+    assert f"broke the protocol: {fault}" in cut_off(told, server)
+    assert coordinator.failure is None and not any(isinstance(i, PublishImage) for i in told)
 
 
 def test_every_message_that_a_server_may_say_at_any_time_is_no_answer_about_the_volume_but_what_is_read_ahead() -> None:

@@ -31,16 +31,23 @@ from support.scenes.shadings import shaded_scenes, volumes
 from volsplat.mapshade_server._kernels import BatchChannel
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.links.channels import shared_channels
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.text.errors import RemoteProtocolError
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.shared_memory import sealed_memory
+from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server._kernels import BatchTaker, Bell, SplatFrame
 from volsplat.splat_server.came_batches import Came
 
@@ -309,6 +316,25 @@ def test_channels_are_shared_once_and_leave_no_descriptor_open() -> None:
         came.share(message, sealed(size), Bell())
     came.let_go()
     assert set(os.listdir("/proc/self/fd")) <= before
+
+
+def test_memory_that_is_shared_leaves_no_descriptor_open() -> None:
+    with data_link() as link:
+        before = set(os.listdir("/proc/self/fd"))
+        through = shared_channels(link, WALKERS)
+        assert len(through) == WALKERS and set(os.listdir("/proc/self/fd")) <= before
+
+
+@contextmanager
+def data_link() -> Iterator[Connection]:
+    """A worker's, which may share memory; what it sends is not taken."""
+    token = new_token()
+    with Listener(Role.SPLAT_SERVER, token) as listener:
+        with connect(listener.address, new_hello(Role.DATA_LINK, server=4), token, Role.SPLAT_SERVER, server=1) as link:
+            taken = listener.accept(PATIENCE)
+            assert taken is not None
+            with taken:
+                yield link
 
 
 def test_a_block_that_does_not_hold_a_run_is_too_small(subject: Subject) -> None:

@@ -1,7 +1,9 @@
 """Images that are coded by a splat server are what the client decodes: bit for bit, or by 8 bits a channel."""
 
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 
+import msgspec
 import numpy as np
 import pytest
 import zstandard
@@ -13,10 +15,11 @@ from support.patience import PATIENCE
 from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, RawPixels, ReadImage
+from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, RawPixels, ReadImage, SharedPixels
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.image_tiles import IMAGE_TILE_SIDE, image_tiles, tile_bytes
 from volsplat.protocol.text.errors import RemoteProtocolError
+from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import new_buffer
 from volsplat.protocol.wire.handshake import new_hello
@@ -113,25 +116,52 @@ def test_an_image_after_one_that_went_as_it_is_comes_whole() -> None:
     )
     after = bits.copy()
     after[:IMAGE_TILE_SIDE, :IMAGE_TILE_SIDE] = 0
+    with linked("127.0.0.2") as (client, server), closing(ImageSender(server)) as sender:  # without shared memory
+        receiver, kinds = ImageReceiver(client, new_buffer), list[type]()
+        for pixels in (before, bits, after):
+            image, payload = exchanged(client, server, sender, read(64, 64), pixels.data.cast("B"))
+            kinds.append(type(image.pixels))
+            assert bytes(receiver.pixels(image, payload)) == pixels.tobytes()
+    assert kinds == [CodedPixels, RawPixels, CodedPixels]
+
+
+def test_an_image_in_a_memory_that_was_not_shared_is_refused() -> None:
+    with linked("127.0.0.1") as (client, server), closing(ImageSender(server)) as sender:
+        receiver, image = ImageReceiver(client, new_buffer), read(8, 8)
+        pixels = sender.target(image.raw_bytes)
+        assert pixels is not None
+        pixels[:] = drawn(8, 8, 1).tobytes()
+        shown = exchanged(client, server, sender, image, pixels)
+        assert bytes(receiver.pixels(*shown)) == bytes(pixels)
+        shared = shown[0].pixels
+        assert isinstance(shared, SharedPixels)
+        other = msgspec.structs.replace(shared, memory=shared.memory + 1, first=False)
+        with pytest.raises(RemoteProtocolError, match=f"lies in memory {other.memory}, which is not shared"):
+            receiver.pixels(image.carried_by(other), memoryview(b""))
+
+
+@contextmanager
+def linked(host: str) -> Iterator[tuple[Connection, Connection]]:
+    """A client's connection to a splat server, and the server's."""
     token = new_token()
-    with Listener(
-        Role.CLIENT, token, host="127.0.0.2"
-    ) as listener:  # not by a Unix socket, and so not by shared memory
-        hello = new_hello(Role.SPLAT_SERVER, data_port=1)
-        server = connect(listener.address, hello, token, Role.CLIENT)
+    with Listener(Role.CLIENT, token, host=host) as listener:
+        server = connect(listener.address, new_hello(Role.SPLAT_SERVER, data_port=1), token, Role.CLIENT)
         client = listener.accept(PATIENCE)
         assert client is not None
-        sender, receiver, kinds = ImageSender(server), ImageReceiver(client, new_buffer), list[type]()
-        with client, server, closing(sender):
-            for pixels in (before, bits, after):
-                client.send(ReadImage(1))
-                assert server.receive() is not None
-                sender.send(read(64, 64), pixels.data.cast("B"), exact=True)
-                received = client.receive()
-                assert received is not None and isinstance(received.message, ImageRead)
-                kinds.append(type(received.message.pixels))
-                assert bytes(receiver.pixels(received.message, received.payload)) == pixels.tobytes()
-    assert kinds == [CodedPixels, RawPixels, CodedPixels]
+        with client, server:
+            yield client, server
+
+
+def exchanged(
+    client: Connection, server: Connection, sender: ImageSender, image: ImageRead, pixels: memoryview
+) -> tuple[ImageRead, memoryview]:
+    """What comes of an image that the client asks for."""
+    client.send(ReadImage(image.frame))
+    assert server.receive() is not None
+    sender.send(image, pixels, exact=True)
+    received = client.receive()
+    assert received is not None and isinstance(received.message, ImageRead)
+    return received.message, received.payload
 
 
 @pytest.mark.parametrize("exact", [False, True])

@@ -430,6 +430,18 @@ def test_a_batch_that_is_missing_or_repeated_ends_its_link(
     assert isinstance(finished, messages.FrameFinished) and finished.lost == [WORKERS[0]]
 
 
+def test_a_batch_of_an_older_frame_behind_one_of_a_newer_ends_its_link(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = batches(slabs(0, 8, 16))[0]
+    bench.renders(2)
+    bench.sends(WORKERS[0], 2, 0, first[0])
+    bench.sends(WORKERS[0], 1, 0, first[0])
+    with pytest.raises(VolsplatError):
+        bench.links[WORKERS[0]].receive()
+    assert "broke the protocol: a batch of frame 1 came after one of frame 2" in caplog.text
+
+
 def test_a_frame_that_cannot_be_drawn_is_refused_and_the_next_one_drawn(bench: Bench) -> None:
     of_workers = batches(slabs(0, 8, 16))
     assert bench.draws(1, of_workers).complete

@@ -123,6 +123,15 @@ def test_an_end_that_owes_no_sign_of_life_is_kept(ends: tuple[Connection, Connec
             receiver.join(PATIENCE)
 
 
+def test_a_connection_that_has_ended_is_not_kept(ends: tuple[Connection, Connection]) -> None:
+    client, server = ends
+    with beating() as heartbeat:
+        heartbeat.keep(client, None)
+        heartbeat.keep(server, None)
+        client.close()
+        wait_until(lambda: [pulse.connection for pulse in heartbeat._pulses] == [server], "is it let go")
+
+
 def test_what_has_come_and_is_not_read_yet_counts_as_heard(ends: tuple[Connection, Connection]) -> None:
     client, server = ends
     looks = threading.Semaphore(0)

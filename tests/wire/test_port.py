@@ -1,0 +1,57 @@
+"""A port that is crowded drops who is still in the handshake, and nobody else; one that was closed can be had again."""
+
+import socket
+import threading
+from contextlib import closing
+
+from support.patience import PATIENCE, wait_until
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.encryption import Encryption
+from volsplat.protocol.wire.peer import Peer
+from volsplat.protocol.wire.port import Port
+
+HOST = "127.0.0.2"  # where there is no Unix socket beside the port
+
+
+def test_where_it_is_crowded_nobody_is_dropped_who_has_come_in_already() -> None:
+    """The oldest has passed its handshake, and is about to be handed out; the one behind it says nothing."""
+    came, go_on = list[Connection](), threading.Event()
+
+    def greet(connection: Connection, address: Address) -> None:
+        came.append(connection)
+        if len(came) == 1:
+            connection.open(Peer(Role.MAPSHADE_SERVER, address.host, address.port), Role.CLIENT, 1)
+            go_on.wait(PATIENCE)
+        else:
+            connection.receive()
+
+    with Port(greet, HOST, 0, most_pending=2, encryption=Encryption.NEVER) as port:
+        callers = []
+        for _ in range(3):
+            callers.append(socket.create_connection(port.address))
+            wait_until(lambda: len(came) == len(callers), "greeted")
+        wait_until(lambda: came[1].closed, "is the one dropped that has said nothing for the longest")
+        go_on.set()
+        assert port.accept(PATIENCE) is came[0] and not came[0].closed
+        came[0].close()
+        for caller in callers:
+            caller.close()
+
+
+def test_a_port_can_be_had_again_at_once_though_connections_of_it_have_just_ended() -> None:
+    """The system remembers those for minutes that this side has closed first."""
+    port = 0
+    for _ in range(2):
+        with Port(_let_in, HOST, port, encryption=Encryption.NEVER) as listening:
+            port = listening.address.port
+            with closing(socket.create_connection(listening.address)) as caller:
+                accepted = listening.accept(PATIENCE)
+                assert accepted is not None
+                accepted.close()
+                assert caller.recv(1) == b""
+
+
+def _let_in(connection: Connection, address: Address) -> None:
+    connection.open(Peer(Role.MAPSHADE_SERVER, address.host, address.port), Role.CLIENT, 1)
