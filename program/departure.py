@@ -54,6 +54,8 @@ class Departure:
         _wait_for_sigterm(signals)
         with self._lock:
             self._begun, client = True, self._client
+        if client is not None and client.hung_up:  # who would have others take over is gone
+            os._exit(EXIT_TERMINATED)
         if client is not None:
             log.warning("told to end; the client has up to %g s to have others take over", LEAVE_SECONDS)
             threading.Thread(target=self._say_so, args=(client,), name="tell the client", daemon=True).start()

@@ -216,6 +216,11 @@ class Connection:
         return self._channel.holds_unread or self._ready(select.POLLIN)
 
     @property
+    def hung_up(self) -> bool:
+        """Whether the other side has ended what it sends, though receive() may not have come to that yet."""
+        return self._ready(select.POLLRDHUP)
+
+    @property
     def came(self) -> int:
         """Bytes that have come, of messages and of what carries them, though there may be no whole message yet."""
         return self._channel.came

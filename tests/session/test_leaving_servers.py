@@ -72,6 +72,26 @@ def opened(head: Path, workers: int, splat_servers: int) -> Iterator[Servers]:
             servers.end()
 
 
+BUSY = """
+import os, signal, socket, threading
+from volsplat.program.departure import Departure
+from volsplat.protocol.wire.connection import Connection
+
+ours, theirs = socket.socketpair()
+departure = Departure()
+departure.watch()
+departure.attend(Connection(ours, "here"))
+theirs.close()
+os.kill(os.getpid(), signal.SIGTERM)
+threading.Event().wait()  # it is at work, and has not seen yet that its client is gone
+"""
+
+
+def test_a_server_whose_client_is_gone_ends_at_once_and_without_a_word() -> None:
+    ended = subprocess.run([sys.executable, "-c", BUSY], capture_output=True, text=True, timeout=PATIENCE)
+    assert (ended.returncode, ended.stderr) == (EXIT_TERMINATED, "")
+
+
 def test_a_resident_that_cannot_use_any_client_ends_as_one_that_finds_none() -> None:
     command = [sys.executable, "-m", f"volsplat.{SPLAT}", "--connect", "nobody.invalid:7000", "--resident"]
     ended = subprocess.run(
