@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,8 +54,8 @@ class ViewBeginning:
         if not self._servers.here:
             yield
             return
-        with temporary_folder() as folder:
-            self._phantoms = PhantomFiles(folder)
+        with ExitStack() as later:
+            self._phantoms = PhantomFiles(lambda: later.enter_context(temporary_folder()))
             yield
 
     @contextmanager

@@ -7,18 +7,25 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from volsplat.client.files.temporary_name import temporary_name
+from volsplat.protocol.text.errors import BadInput
 
 
 def made_folder() -> Path:
-    """An empty one, of this user alone, that somebody else removes. Raises OSError."""
-    folder = temporary_name(Path(tempfile.gettempdir(), "folder"))
-    folder.mkdir(mode=0o700)
+    """An empty one, of this user alone, that somebody else removes. Raises BadInput if there can be none."""
+    try:
+        folder = temporary_name(Path(tempfile.gettempdir(), "folder"))
+        folder.mkdir(mode=0o700)
+    except OSError as error:
+        raise BadInput(
+            f"there can be no temporary folder: {error.strerror or error}; free space there, or set TMPDIR to another "
+            "folder where volsplat runs"
+        ) from error
     return folder
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """One that ends with the block. Raises OSError."""
+    """One that ends with the block. Raises BadInput."""
     folder = made_folder()
     try:
         yield folder

@@ -3,6 +3,7 @@
 import shutil
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,15 +15,25 @@ from support.programs.programs import VOLSPLAT, Person
 __all__ = ["head"]
 
 APART = ("unshare", "--mount", "--propagation", "private", "sh", "-c")
-READ_ONLY = "mount -t tmpfs -o ro none /dev/shm"
+SEEN_AT = Path("/mnt")
+READ_ONLY = ("/dev/shm", "/tmp", "/var/tmp")
 
 
-def test_the_page_is_served_where_dev_shm_cannot_be_written(head: Path, tmp_path: Path) -> None:
-    if shutil.which("unshare") is None or subprocess.run([*APART, READ_ONLY], capture_output=True).returncode:
+def test_the_page_is_served_where_neither_dev_shm_nor_any_temporary_folder_can_be_written(
+    head: Path, tmp_path: Path
+) -> None:
+    mounts = [f"mount -t tmpfs -o ro none {folder}" for folder in READ_ONLY]
+    barely = " && ".join([f"mount --bind '{head.parent}' {SEEN_AT}", *mounts, "cd /proc"])
+    if shutil.which("unshare") is None or subprocess.run([*APART, barely], capture_output=True).returncode:
         pytest.skip("nothing can be mounted for one process here: this needs Linux and root")
+    if any(VOLSPLAT.is_relative_to(folder) or Path(sys.prefix).is_relative_to(folder) for folder in READ_ONLY):
+        pytest.skip("this needs volsplat itself outside of the temporary folders")
     person = Person(tmp_path)
-    command = [*APART, f'{READ_ONLY} && exec "$@"', "sh", str(VOLSPLAT), "view", str(head), "--no-browser"]
-    with subprocess.Popen(command, env=person.environment, stderr=subprocess.PIPE, encoding="utf-8") as view:
+    command = [*APART, f'{barely} && exec "$@"', "sh"]
+    command += [str(VOLSPLAT), "view", str(SEEN_AT / head.name), "--no-browser"]
+    with subprocess.Popen(
+        command, env=person.environment | {"TMPDIR": "/tmp"}, stderr=subprocess.PIPE, encoding="utf-8"
+    ) as view:
         assert view.stderr is not None
         said = ""
         while "token=" not in said:

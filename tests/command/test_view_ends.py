@@ -99,26 +99,6 @@ def test_a_signal_ends_it_while_a_page_looks_on(volume: Path, number: signal.Sig
     assert words == SAID[number]
 
 
-def test_what_one_that_was_killed_left_is_gone_after_the_next(
-    volume: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    monkeypatch.setenv("TMPDIR", str(temporary))
-    for number, status in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, STATUS[signal.SIGTERM])):
-        assert ended_once_there(volume, tmp_path, number) == status
-        assert bool(list(temporary.iterdir())) == (number == signal.SIGKILL)
-
-
-def ended_once_there(volume: Path, folder: Path, number: signal.Signals) -> int:
-    begun = Begun(volume, folder)
-    wait_until(lambda: "token=" in begun.said(), "there")
-    begun.process.send_signal(number)
-    status = begun.process.wait(PATIENCE)
-    wait_until(lambda: not begun.person.servers(), "without servers")
-    return status
-
-
 @pytest.mark.parametrize("server", ["mapshade_server", "splat_server"])
 def test_a_signal_ends_it_and_a_server_that_is_stopped(volume: Path, tmp_path: Path, server: str) -> None:
     begun = Begun(volume, tmp_path)

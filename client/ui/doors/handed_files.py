@@ -55,16 +55,8 @@ async def hand_bytes(data: bytes, name: str) -> None:
     hand_file(await asyncio.to_thread(_written, data, name))
 
 
-def folder_to_hand() -> Path:
-    """An empty folder for a file that is to be handed. Raises BadInput if there can be none."""
-    try:
-        return made_folder()
-    except OSError as error:
-        raise _no_room(error) from error
-
-
 def _written(data: bytes, name: str) -> Path:
-    path = folder_to_hand() / name
+    path = made_folder() / name
     try:
         path.write_bytes(data)
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,8 +33,13 @@ PHANTOMS = {
 class PhantomFiles:
     """Each is made when it is first asked for, in a folder that somebody else removes."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, make_folder: Callable[[], Path]) -> None:
+        """The folder is made for the first of them. Raises BadInput if it cannot be."""
+        self._make_folder = make_folder
+
+    @cached_property
+    def _folder(self) -> Path:
+        return self._make_folder()
 
     @property
     def names(self) -> list[str]:

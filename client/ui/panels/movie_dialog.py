@@ -10,9 +10,10 @@ from pathlib import Path
 from nicegui import background_tasks, context, ui
 
 from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
+from volsplat.client.files.temporary_folder import made_folder
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
-from volsplat.client.ui.doors.handed_files import folder_to_hand, hand_file
+from volsplat.client.ui.doors.handed_files import hand_file
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -95,7 +96,7 @@ class MovieDialog:
     def _start(self) -> None:
         drawing = IdleDrawing(self._viewing.session, self._viewing.loop)
         try:
-            folder = folder_to_hand()
+            folder = made_folder()
         except BadInput as error:
             self._trouble.text = str(error)
             return

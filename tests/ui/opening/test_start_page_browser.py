@@ -188,7 +188,7 @@ def joined(running: Viewed, folder: Path) -> Iterator[None]:
 def test_what_is_listed_can_be_made_and_what_is_given_up_is_not(tmp_path: Path) -> None:
     from volsplat.client import phantoms
 
-    files = PhantomFiles(tmp_path)
+    files = PhantomFiles(lambda: tmp_path)
     assert set(PHANTOMS) <= set(phantoms.PHANTOMS) and files.names == list(PHANTOMS)
     with pytest.raises(BadInput, match="given up"):
         files.made("head", lambda: True)
