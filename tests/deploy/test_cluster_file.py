@@ -2,6 +2,7 @@
 
 import socket
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,9 +11,10 @@ from support.programs.clusters import ordered
 from volsplat.deploy.cluster import orders
 from volsplat.deploy.cluster.orders import wanted_servers
 from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
-from volsplat.deploy.launcher_keys import SshKeys
+from volsplat.deploy.launcher_keys import DaskKeys, KubernetesKeys, SlurmKeys, SshKeys
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import parse_address
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.splat_server.command import told_address
 
 WHOLE = """
@@ -39,6 +41,98 @@ options = ["-J", "gate.lab"]
 """
 
 
+# Each key with another value than its default.
+EVERY_KEY = """
+name = "lab"
+client = "desk.lab:7000"
+tls = false
+silence = 3
+keep = 900
+token-file = "token"
+log-format = "json"
+
+[[machines]]
+launcher = "ssh"
+host = "node1.lab"
+map-shade-servers = 2
+splat-servers = 1
+threads = 8
+memory = "8G"
+data-root = "/scratch/volumes"
+command = "/opt/volsplat"
+listen = "0.0.0.0:7100"
+advertise = "node1.lab"
+metrics = "0.0.0.0:9100"
+metrics-token = "/etc/metrics"
+ssh.options = ["-J", "gate.lab"]
+
+[[machines]]
+launcher = "ssh"
+host = "node2.lab"
+map-shade-servers = 3
+ssh.tunnel = true
+
+[[machines]]
+launcher = "dask"
+map-shade-servers = 4
+dask = {scheduler = "tcp://desk.lab:8786", scheduler-file = "dask.json", resources = {volsplat = 1}}
+
+[[machines]]
+launcher = "slurm"
+map-shade-servers = 5
+slurm = {options = ["--partition=short"], folder = "/home/lab"}
+
+[[machines]]
+launcher = "kubernetes"
+splat-servers = 6
+kubernetes = {namespace = "volumes", image = "volsplat:1", claim = "scans", resources = {memory = "16Gi"}}
+"""
+MEANT = Cluster(
+    name="lab",
+    client="desk.lab:7000",
+    tls=False,
+    silence=3.0,
+    keep=900.0,
+    token_file="token",
+    log_format="json",
+    machines=(
+        Machine(
+            launcher="ssh",
+            host="node1.lab",
+            map_shade_servers=2,
+            splat_servers=1,
+            threads=8,
+            memory="8G",
+            data_root="/scratch/volumes",
+            command="/opt/volsplat",
+            listen="0.0.0.0:7100",
+            advertise="node1.lab",
+            metrics="0.0.0.0:9100",
+            metrics_token="/etc/metrics",
+            ssh=SshKeys(options=("-J", "gate.lab")),
+        ),
+        Machine(launcher="ssh", host="node2.lab", map_shade_servers=3, ssh=SshKeys(tunnel=True)),
+        Machine(
+            launcher="dask",
+            map_shade_servers=4,
+            dask=DaskKeys(scheduler="tcp://desk.lab:8786", scheduler_file="dask.json", resources={"volsplat": 1.0}),
+        ),
+        Machine(
+            launcher="slurm",
+            map_shade_servers=5,
+            slurm=SlurmKeys(options=("--partition=short",), folder="/home/lab"),
+        ),
+        Machine(
+            launcher="kubernetes",
+            splat_servers=6,
+            kubernetes=KubernetesKeys(
+                namespace="volumes", image="volsplat:1", claim="scans", resources={"memory": "16Gi"}
+            ),
+        ),
+    ),
+)
+
+
 def told(text: str) -> str:
     with pytest.raises(BadInput) as caught:
         cluster_from_toml(text, "lab.toml")
@@ -46,11 +140,21 @@ def told(text: str) -> str:
 
 
 def test_every_key_is_read() -> None:
-    cluster = cluster_from_toml(WHOLE, "lab.toml")
-    (machine,) = cluster.machines
-    assert (cluster.name, cluster.client, cluster.keep, cluster.splat_servers) == ("lab", "desk.lab:7000", 600, 1)
-    assert machine.ssh == SshKeys(options=("-J", "gate.lab")) and machine.listens_at == ("0.0.0.0", 7100)
-    assert cluster.memory_bytes == 8 << 30
+    assert cluster_from_toml(EVERY_KEY, "lab.toml") == MEANT
+    tables = [getattr(machine, name) for machine in MEANT.machines for name in ("ssh", "dask", "slurm", "kubernetes")]
+    for kind, having in ((Cluster, [MEANT]), (Machine, MEANT.machines), *((type(table), tables) for table in tables)):
+        for field in msgspec.structs.fields(kind):
+            values = [getattr(one, field.name) for one in having if isinstance(one, kind)]
+            assert any(value != field.default for value in values), f"no {field.encode_name} in EVERY_KEY"
+
+
+def test_what_a_file_says_is_told_as_numbers_and_addresses() -> None:
+    cluster = cluster_from_toml(EVERY_KEY, "lab.toml")
+    assert (cluster.map_shade_servers, cluster.splat_servers, cluster.memory_bytes) == (14, 7, 8 << 30)
+    assert cluster.encryption is Encryption.NEVER
+    first = cluster.machines[0]
+    assert (first.listens_at, first.metrics_at) == (("0.0.0.0", 7100), ("0.0.0.0", 9100))
+    assert first.advertised_at == ("node1.lab", 0)
 
 
 @pytest.mark.parametrize(
