@@ -142,10 +142,11 @@ def told(text: str) -> str:
 def test_every_key_is_read() -> None:
     assert cluster_from_toml(EVERY_KEY, "lab.toml") == MEANT
     tables = [getattr(machine, name) for machine in MEANT.machines for name in ("ssh", "dask", "slurm", "kubernetes")]
-    for kind, having in ((Cluster, [MEANT]), (Machine, MEANT.machines), *((type(table), tables) for table in tables)):
+    structs: list[msgspec.Struct] = [MEANT, *MEANT.machines, *tables]
+    for kind in {type(struct) for struct in structs}:
         for field in msgspec.structs.fields(kind):
-            values = [getattr(one, field.name) for one in having if isinstance(one, kind)]
-            assert any(value != field.default for value in values), f"no {field.encode_name} in EVERY_KEY"
+            values = [getattr(struct, field.name) for struct in structs if isinstance(struct, kind)]
+            assert any(value != field.default for value in values), f"EVERY_KEY lacks {field.encode_name}"
 
 
 def test_what_a_file_says_is_told_as_numbers_and_addresses() -> None:
