@@ -46,6 +46,7 @@ FLOATS = (
     *(0.0, -0.0, -1.0, 0.3, 5e-324, 1e-310, 1e-170, 1e-155, 1e-60, 1e60, 1e155, 1e170, 1.7e308, -1.7e308),
     *(float("nan"), float("inf"), float("-inf")),
 )
+MOST_CHANGES = 5
 Place = tuple[Any, ...]
 Spoilable = TypeVar("Spoilable", bound=msgspec.Struct)
 
@@ -81,17 +82,17 @@ def replaced(value: Any, at: Place, number: float) -> Any:
 
 
 @st.composite
-def spoilt(draw: st.DrawFn, message: Spoilable) -> Spoilable | None:
-    """The message with one to three of its numbers changed; None if it is refused as it is decoded."""
+def spoilt(draw: st.DrawFn, message: Spoilable) -> Spoilable:
+    """The message with some of its numbers changed; changes that are refused as it is decoded are left out."""
     builtins = msgspec.to_builtins(message)
+    assert msgspec.convert(builtins, type(message)) == message, "before anything is changed"
     places = list(numbers_in(builtins))
-    for _ in range(draw(st.integers(1, 3))):
+    for _ in range(draw(st.integers(1, MOST_CHANGES))):
         place, number = draw(st.sampled_from(places))
-        builtins = replaced(builtins, place, draw(st.sampled_from(WHOLES if isinstance(number, int) else FLOATS)))
-    try:
-        return msgspec.convert(builtins, type(message))
-    except msgspec.ValidationError:
-        return None
+        changed = replaced(builtins, place, draw(st.sampled_from(WHOLES if isinstance(number, int) else FLOATS)))
+        with contextlib.suppress(msgspec.ValidationError):
+            message, builtins = msgspec.convert(changed, type(message)), changed
+    return message
 
 
 @contextlib.contextmanager
@@ -127,7 +128,7 @@ def render(step: Step) -> messages.RenderFrame:
     request = frame_request(
         1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, {2: 1}, RegionShares()
     )
-    light = [LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5)] if request.plan.slabs else []
+    light = LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5) if request.plan.slabs else None
     return msgspec.structs.replace(request, light=light)
 
 
@@ -141,7 +142,7 @@ def drawing() -> Iterator[Owners]:
 @given(data=st.data(), step=st.sampled_from(Step))
 def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject, step: Step) -> None:
     request = data.draw(spoilt(render(step)))
-    if not isinstance(request, messages.RenderFrame) or request.plan.width * request.plan.height > 10**6:
+    if request.plan.width * request.plan.height > 10**6:
         return
     held, _ = held_at(path)
     held.answers(messages.PackVoxels(1, QUANTISATION))
@@ -164,11 +165,10 @@ def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject
 def test_a_scene_and_a_volume_of_any_numbers_are_planned_or_refused(data: st.DataObject, step: Step) -> None:
     """By the client, before anything is sent."""
     situation = data.draw(spoilt(Situation(EDGED, GEOMETRY, (9.0, 7.0))))
-    if isinstance(situation, Situation):
-        with contextlib.suppress(ValueError):
-            plan_frame(situation.scene, situation.geometry, step)
-            shading_rule(situation.scene, step)
-            line_of_sight(situation.scene, situation.geometry, *situation.point)
+    with contextlib.suppress(ValueError):
+        plan_frame(situation.scene, situation.geometry, step)
+        shading_rule(situation.scene, step)
+        line_of_sight(situation.scene, situation.geometry, *situation.point)
 
 
 @settings(max_examples=examples(100))
@@ -177,8 +177,6 @@ def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
     line, shading = line_of_sight(SCENE, GEOMETRY, 9.0, 7.0), shading_rule(SCENE, Step.F)
     probe = messages.ProbeVoxels(1, 1, line, shading, GEOMETRY, QUANTISATION, 0)
     request = data.draw(spoilt(probe))
-    if not isinstance(request, messages.ProbeVoxels):
-        return
     held, _ = held_at(path)
     held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
@@ -190,7 +188,7 @@ def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
 @given(data=st.data())
 def test_requests_about_the_volume_with_any_numbers(path: Path, data: st.DataObject) -> None:
     held, described = held_at(path)
-    whole, part = GEOMETRY.box, messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 3)))
+    part = messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 3)))
     kind = data.draw(st.sampled_from(["read", "count", "pack", "lend", "await", "hold"]))
     steps: dict[str, list[Message]] = {
         "read": [messages.ReadSubCubes(1, str(path), HALVES, described.identity)],
@@ -204,8 +202,6 @@ def test_requests_about_the_volume_with_any_numbers(path: Path, data: st.DataObj
     for request in before:
         held.answers(request)
     spoilt_request = data.draw(spoilt(last))
-    if spoilt_request is None:
-        return
     with told(spoilt_request):
         if isinstance(spoilt_request, messages.HoldPart):
             voxels = spoilt_request.part.box.voxels
@@ -213,7 +209,6 @@ def test_requests_about_the_volume_with_any_numbers(path: Path, data: st.DataObj
                 held.answers(spoilt_request, memoryview(bytes(voxels * SCALAR_BYTES[spoilt_request.part.scalar_type])))
         else:
             held.answers(spoilt_request)
-    assert whole.voxels == 120
 
 
 @given(data=st.data(), sample=st.sampled_from(sorted(SAMPLES, key=lambda kind: kind.__name__)))
