@@ -61,6 +61,11 @@ class Aftermath:
     harmed_at: float = 0.0  # time.perf_counter()
     seconds: float = 0.0  # until the first frame that was asked for after the fault and is whole
 
+    @property
+    def only_one(self) -> bool:
+        """Of its kind, so that the session may end before another one has come."""
+        return (self.workers if self.program is Program.MAPSHADE_SERVER else self.splat_servers) == 1
+
     def finished(self, refinement: Refinement, truth: torch.Tensor) -> None:
         assert refinement.outcome is not None
         now = time.perf_counter()

@@ -28,8 +28,11 @@ def seen_for_a_while(opened: Opened) -> list[Aftermath]:
     return seen
 
 
-def test_no_fault_makes_a_wrong_image_or_a_hang() -> None:
-    assert not any(after.wrong or after.hung for after in seen_for_a_while(at_hand))
+def test_no_fault_makes_a_wrong_image_or_a_hang_and_none_ends_a_session_but_the_loss_of_an_only_server() -> None:
+    seen = seen_for_a_while(at_hand)
+    assert not any(after.wrong or after.hung for after in seen)
+    assert [after for after in seen if after.ended and not (after.only_one and after.fault.loses)] == []
+    assert all(after.seconds for after in seen if not after.ended), "each other session is whole again"
 
 
 @pytest.mark.skipif(bool(WHY_NO_BOX), reason=WHY_NO_BOX)
