@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from ipaddress import ip_address
+from shlex import quote
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.server_options import Servers
@@ -15,7 +16,7 @@ from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.many_imports import many_imports
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.addresses import Address, everywhere
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
 
@@ -112,9 +113,9 @@ def tell_how_to_join(session: Session, servers: Servers, console: PlainConsole) 
     """Print the commands that start servers by hand; with a token that nobody has said, it stands in them."""
     address = session.address
     secret = "" if servers.token is not None else f"{TOKEN_VARIABLE}={session.token.key.decode()} "
-    everywhere = ip_address(address.host).is_unspecified
-    joined = Address(socket.gethostname(), address.port) if everywhere else address
+    anywhere = ip_address(address.host).is_unspecified
+    joined = quote(str(Address(socket.gethostname(), address.port) if anywhere else address))
     # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
-    opened = "" if ip_address(address.host).is_loopback else " --listen 0.0.0.0:0"
+    opened = "" if ip_address(address.host).is_loopback else f" --listen {quote(str(everywhere(address.host)))}"
     for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
         console.say(" ".join((f"{secret}volsplat {command}", *Encryption.of(servers.tls).options)))

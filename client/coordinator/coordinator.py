@@ -351,7 +351,11 @@ class Coordinator:
 
     @takes(ConnectedToSplatServers)
     def _connected(self, message: ConnectedToSplatServers, event: MessageReceived) -> list[Instruction]:
-        return self._unreachable(self.routes.connected(event.server, message.servers), event.server)
+        worker, told = event.server, list[Instruction]()
+        for splat in self.routes.connected(worker, message.servers):
+            if self.servers.joined.keys() >= {worker, splat}:
+                told += self._part(worker, splat, worker)
+        return told
 
     @takes(Refused)
     def _refused(self, message: Refused, event: MessageReceived) -> list[Instruction]:
@@ -380,13 +384,16 @@ class Coordinator:
         return [ReportProgress(f"{error}; {_STAY}")]
 
     def _link_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
-        """It reaches no splat server; the others may."""
+        """It reaches no splat server; the others may, of whom perhaps none has said so yet."""
         if not self.routes.refused(server):
             return []  # it has been told since whom it can reach
+        cause = f"{error}; or tell the splat server where it is reached: --advertise HOST"
         if server not in self.holding.boxes or len(self.holding.boxes) == 1:
-            return self._fail(error)
+            return self._fail(PeerLost(cause) if isinstance(error, PeerLost) else BadInput(cause))
         self.servers.note_unlinked(server)
-        return self._send_off(server, str(error))
+        if not self.routes.some_are_linked(self.holding.boxes):
+            self.servers.doubt_heirs(server)
+        return self._send_off(server, cause)
 
     def _unsurveyed_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
         """Without a survey there is nothing to draw; but for what one has no room for others may have some."""
@@ -431,16 +438,7 @@ class Coordinator:
         lost = teller if alone[missed] and not alone[teller] else missed
         if lost == worker:
             self.servers.note_unlinked(worker)
-        return self._unreachable([lost], splat if lost == worker else worker)
-
-    def _unreachable(self, lost: Iterable[int], teller: int) -> list[Instruction]:
-        """Servers that do not hear each other cannot draw together, whether or not they live."""
-        told: list[Instruction] = []
-        for server in lost:
-            if server in self.servers.joined:
-                cause = f"{self.servers.name(server)} has no connection to {self.servers.name(teller)}"
-                told += self._send_off(server, cause)
-        return told
+        return self._send_off(lost, self.routes.why_apart(worker, splat, lost))
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken, between two events."""

@@ -2,11 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from shlex import quote
 
 from volsplat.client.coordinator.coordinator_events import Instruction, ReportProgress, Send, ServerJoined
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
-from volsplat.protocol.wire.addresses import Address, is_loopback, reached_from
+from volsplat.protocol.wire.addresses import Address, everywhere, is_loopback, reached_from
 
 MOST_MADE_ANEW = 3  # times before another frame is whole: then the way between the two is at fault
 
@@ -18,6 +19,7 @@ class DataRoutes:
         self._servers = servers
         self._asked: Counter[int] = Counter()  # requests that have no answer yet, by worker
         self._made_anew: Counter[tuple[int, int]] = Counter()  # links of a worker and a splat server, likewise
+        self._linked: dict[int, bool] = {}  # by worker, once it has said so
         self._linking: set[int] = set()  # workers that make one anew, and have not answered
 
     def invite(self, workers: Iterable[int]) -> list[Instruction]:
@@ -27,19 +29,18 @@ class DataRoutes:
 
     def connect(self, workers: Iterable[int]) -> list[Instruction]:
         """Have these workers link to the splat servers that are there, and to no other."""
-        return [told for worker in workers for told in (*self._cut_off(worker), self._connect(worker))]
+        return [self._connect(worker) for worker in workers]
 
-    def _cut_off(self, worker: int) -> list[Instruction]:
-        """What to tell of splat servers that a worker cannot reach, whatever it tries."""
-        here = self._servers.joined[worker]
-        return [
-            ReportProgress(
-                f"{splat.name} listens on its own machine alone, at {splat.data}, but {here.name} is on another one; "
-                "start the splat server with --listen 0.0.0.0:0, or --advertise HOST:PORT"
-            )
-            for splat in map(self._servers.joined.__getitem__, self._servers.splat_servers)
-            if is_loopback(_reached(splat, here).host) and not is_loopback(here.host)
-        ]
+    def why_apart(self, worker: int, splat: int, lost: int) -> str:
+        """Why they have no link, of whom one is `lost` for that."""
+        there, here = self._servers.joined[splat], self._servers.joined[worker]
+        if _may_reach(there, here):
+            missed, other = (here, there) if lost == worker else (there, here)
+            return f"{missed.name} has no connection to {other.name}"
+        return (
+            f"{there.name} listens on its own machine alone, at {there.data}, but {here.name} is on another one; "
+            f"start the splat server with --listen {quote(str(everywhere(here.host)))}, or --advertise HOST:PORT"
+        )
 
     def may_link_anew(self, worker: int, splat: int) -> bool:
         return self._made_anew[worker, splat] < MOST_MADE_ANEW
@@ -63,17 +64,24 @@ class DataRoutes:
 
     def _connect(self, worker: int, but: int | None = None) -> Send:
         self._asked[worker] += 1
-        joined, here = self._servers.joined, self._servers.joined[worker]
-        places = [(splat, _reached(joined[splat], here)) for splat in self._servers.splat_servers if splat != but]
+        here = self._servers.joined[worker]
+        others = [self._servers.joined[splat] for splat in self._servers.splat_servers if splat != but]
+        places = [(splat.server, _reached(splat, here)) for splat in others if _may_reach(splat, here)]
         routes = [Route(server=splat, host=data.host, port=data.port, key=here.key) for splat, data in places]
         return Send(worker, ConnectToSplatServers(routes=routes))
 
     def connected(self, worker: int, reached: list[int]) -> list[int]:
         """A worker has linked to these; the splat servers that it was to link to as well are in the answer."""
+        self._linked[worker] = bool(reached)
         return [] if self._outdated(worker) else [n for n in self._servers.splat_servers if n not in reached]
+
+    def some_are_linked(self, workers: Iterable[int]) -> bool:
+        """Whether any of these workers has said that it reaches a splat server."""
+        return any(self._linked.get(worker) for worker in workers)
 
     def refused(self, worker: int) -> bool:
         """Whether the worker can reach nobody who is there now."""
+        self._linked[worker] = False
         return not self._outdated(worker)
 
     def _outdated(self, worker: int) -> bool:
@@ -88,3 +96,10 @@ class DataRoutes:
 def _reached(splat: ServerJoined, worker: ServerJoined) -> Address:
     """Where a worker reaches a splat server."""
     return reached_from(splat.data, splat.data_anywhere, worker.host, worker.client_host)
+
+
+def _may_reach(splat: ServerJoined, worker: ServerJoined) -> bool:
+    """Else whatever the worker tries, it dials its own machine, which the splat server is not on."""
+    if is_loopback(worker.host) or not is_loopback(_reached(splat, worker).host):
+        return True
+    return worker.host == (worker.client_host if is_loopback(splat.host) else splat.host)

@@ -27,6 +27,7 @@ class ServerState:
     boxes: tuple[Box, ...] = ()  # what it holds of the volume, or held when it was lost
     lost: bool = False
     cause: str = ""  # how it was lost, in one line
+    heirs: bool = True  # others can do its work, as far as is known
     alone: bool = False  # no other of its role was there when it was lost
     handed_over: bool = False  # others hold what it held, or will when what is on its way is there
 
@@ -53,6 +54,8 @@ def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
 
 def handed_over(lost: ServerState) -> str:
     """One line that says which server was lost, and who does its work: others, or one that is started anew."""
+    if not lost.heirs:
+        return lost.cause
     if lost.boxes:
         what = f"{part_of_volume(lost.boxes)} of the volume"
     else:

@@ -80,6 +80,10 @@ class Servers:
         """It cannot link to any splat server."""
         self._unlinked.add(self.joined[server].process)
 
+    def doubt_heirs(self, server: int) -> None:
+        """Whether others can do its work is not known yet."""
+        self.note([replace(self.states[server], heirs=False)])
+
     def draw_with(self, splat_server: int) -> None:
         """There is one more, to which all may link."""
         self.splat_servers = [*self.splat_servers, splat_server]

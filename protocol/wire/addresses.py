@@ -33,6 +33,11 @@ def plain_host(host: str) -> str:
     return host if mapped is None else str(mapped)
 
 
+def everywhere(host: str) -> Address:
+    """What a program listens at to be reached from other machines, of the same kind as the address `host`."""
+    return Address(EVERYWHERE_6 if ":" in host else EVERYWHERE, 0)
+
+
 def is_loopback(host: str) -> bool:
     try:
         return ip_address(host).is_loopback

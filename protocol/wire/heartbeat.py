@@ -20,9 +20,8 @@ from volsplat.protocol.wire.signs_of_life import GiveSigns, LeaveSigns, SignsOfL
 
 SILENCE_SECONDS = 2.0  # after which a peer counts as lost
 HELD = 15.0  # times as long a library may hold an interpreter: that of a server at work, and any client's
-UNTAKEN = (
-    5.0  # times as long an end that always reads may leave what is sent to it: longer, and the network swallows it
-)
+# Times as long an end that always reads may leave what is sent to it: after that the network swallows it.
+UNTAKEN = 5.0
 SIGNS_IN_SILENCE = 4  # in the time after which a peer would give this end up
 SIGNS_LEFT = int(HELD * SIGNS_IN_SILENCE)
 LONGEST_STEP = LEAST_SILENCE / 2  # so that who has the least patience hears of it in time

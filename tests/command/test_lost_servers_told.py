@@ -1,7 +1,11 @@
-"""A command whose output nobody watches says which servers it went on without, and draws what it was asked for."""
+"""A command whose output nobody watches says how servers join, and which of them it went on without."""
 
+import shlex
+import socket
 from contextlib import closing
 from pathlib import Path
+
+import pytest
 
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
@@ -10,6 +14,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
 IMAGES = 120
+WITHOUT_IPV6 = not socket.has_dualstack_ipv6()
 
 
 def test_a_movie_says_in_a_line_that_a_server_was_lost(tmp_path: Path) -> None:
@@ -24,3 +29,23 @@ def test_a_movie_says_in_a_line_that_a_server_was_lost(tmp_path: Path) -> None:
     assert len(told) == 1
     assert "killed by SIGKILL" in told[0] and "; others take over i 0-" in told[0]
     assert len(list((tmp_path / "turns").iterdir())) == IMAGES
+
+
+@pytest.mark.parametrize(
+    ("host", "everywhere"),
+    [
+        ("0.0.0.0", "0.0.0.0:0"),
+        pytest.param("[::]", "[::]:0", marks=pytest.mark.skipif(WITHOUT_IPV6, reason="this machine has no IPv6")),
+    ],
+)
+def test_the_commands_it_prints_are_for_the_kind_of_address_it_listens_at(
+    tmp_path: Path, host: str, everywhere: str
+) -> None:
+    person = Person(tmp_path)
+    write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
+    drawing = ("render", "shells.nrrd", "-o", "shells.png", "--size", "64", "--workers", "1", "--listen", f"{host}:0")
+    with closing(person.begins(*drawing)) as command:
+        told = next(line for line in command.stderr if "volsplat splat-server --connect" in line)
+    words = shlex.split(told)
+    assert words[words.index("--listen") + 1] == everywhere
+    assert "[" not in everywhere or f"'{everywhere}'" in told, "zsh would look for files"

@@ -271,19 +271,27 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw
     assert list(coordinator.holding.boxes) == [SECOND] and coordinator.server_states[FIRST].lost
 
 
-def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_as_well() -> None:
+@pytest.mark.parametrize("other_links", [False, True])
+def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_as_well(other_links: bool) -> None:
+    """That others take over is said only once one of them has reached it."""
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))]:
         coordinator.handle(event)
+    if other_links:
+        coordinator.handle(said(SECOND, messages.ConnectedToSplatServers([SPLAT])))
     refused = messages.Refused(
         "ConnectToSplatServers", "cannot reach the splat server", reason=messages.Reason.PEER_LOST
     )
     told = coordinator.handle(said(FIRST, refused))
     assert (FIRST, messages.EndSession) in sent(told) and not any(isinstance(one, FailSession) for one in told)
-    assert [one.text for one in told if isinstance(one, ReportLoss)]
+    (loss,) = [one.text for one in told if isinstance(one, ReportLoss)]
+    assert "--advertise HOST" in loss and ("others take over" in loss) is other_links
     assert list(coordinator.holding.boxes) == [SECOND] and (SECOND, messages.ReadSubCubes) in sent(told)
-    (failed,) = coordinator.handle(said(SECOND, refused))
-    assert isinstance(failed, FailSession) and str(failed.error) == "cannot reach the splat server"
+    if not other_links:
+        (failed,) = coordinator.handle(said(SECOND, refused))
+        assert isinstance(failed, FailSession) and str(failed.error).startswith(
+            "cannot reach the splat server; or tell"
+        )
 
 
 def unlinked() -> tuple[CheckedCoordinator, ServerJoined]:

@@ -29,7 +29,7 @@ from volsplat.protocol.rules.levels import Prepared
 from volsplat.protocol.wire.addresses import Address
 
 SPLAT, FIRST, SECOND = 1, 2, 3
-DATA = Address("127.0.0.1", 4000)
+DATA = Address("node1", 4000)
 NO_DATA = Address("", 0)
 JOINED = [
     ServerJoined(SPLAT, Role.SPLAT_SERVER, "splat server 1", "node1", DATA),
