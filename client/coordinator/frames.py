@@ -294,6 +294,7 @@ class Frames:
             return []
         self._owed = False
         self._routes.drew_whole()
+        self._servers.drew_whole(frame.map_shade)
         self._shares.measured(frame.request, frame.splat)
         self._hidden.measured(frame.request, frame.splat)
         self._work.measured(frame.scene, frame.map_shade, frame.splat, frame.drawn_at)

@@ -1,5 +1,6 @@
 """The servers of a session: who is there, who shares the volume and the image, who was lost with a part of either."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -8,6 +9,13 @@ from volsplat.client.coordinator.server_states import ServerState, missing_boxes
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.session_messages import MachineDescribed
+
+MOST_LOSSES = 2  # of one process that joins again each time, without a part in a whole frame between
+KEPT_OUT = 20  # whole frames of others, before one that was lost so often gets a part again; twice as many each time
+LOST_AGAIN = (
+    "it joins and is lost again and again, and gets no part for a while where others draw; "
+    "if small messages get through and large ones do not, check the network's MTU"
+)
 
 
 class Servers:
@@ -19,6 +27,8 @@ class Servers:
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
         self._unlinked: set[str] = set()  # processes that no splat server could be reached from
+        self._losses: Counter[str] = Counter()  # of processes, since they had a part in a whole frame
+        self._kept_out: Counter[str] = Counter()  # processes, for so many frames
         self._handing_over: list[int] = []  # lost servers whose parts were handed over last
         self._boxes: dict[int, list[Box]] = {}  # what was noted last of who holds what
         self.leaving: list[int] = []  # those that were told to end, and are still there
@@ -35,10 +45,15 @@ class Servers:
         return {server: self.machines[server].threads for server in self.splat_servers}
 
     def ready(self, role: Role) -> list[int]:
-        """Those of a role that have told what they have, in an order that is the same for each of their clients."""
-        return sorted(
-            (n for n in self.machines if self.joined[n].role == role), key=lambda n: (self.joined[n].process, n)
-        )
+        """Those of a role that have told what they have, in an order that is the same for each of their clients.
+
+        Those that are lost again and again are the last.
+        """
+        of_role = [n for n in self.machines if self.joined[n].role == role]
+        return sorted(of_role, key=lambda n: (self._is_unsteady(n), self.joined[n].process, n))
+
+    def _is_unsteady(self, server: int) -> bool:
+        return self._kept_out[self.joined[server].process] > 0
 
     @property
     def all_are_known(self) -> bool:
@@ -71,10 +86,19 @@ class Servers:
         """Map/shade servers that hold nothing, and could.
 
         One that could not link, and joins again, is tried again only if no other is left: each try may hold up
-        frames for as long as a firewall lets it wait.
+        frames for as long as a firewall lets it wait. So it is for a while with one that is lost again and again.
         """
         idle = [n for n in self.ready(Role.MAPSHADE_SERVER) if n not in self.workers]
-        return [n for n in idle if self.joined[n].process not in self._unlinked or not self.chosen]
+        return [n for n in idle if not (self._is_unlinked(n) or self._is_unsteady(n)) or not self.chosen]
+
+    def _is_unlinked(self, server: int) -> bool:
+        return self.joined[server].process in self._unlinked
+
+    def drew_whole(self, workers: Iterable[int]) -> None:
+        """These had a part in a frame that is whole."""
+        for worker in workers:
+            self._losses.pop(self.joined[worker].process, None)
+        self._kept_out = +(self._kept_out - Counter(list(self._kept_out)))
 
     def note_unlinked(self, server: int) -> None:
         """It cannot link to any splat server."""
@@ -105,7 +129,8 @@ class Servers:
 
     def lose(self, server: int, cause: str) -> ServerState | None:
         """It is gone. Its state, if the session needed it: then that is kept."""
-        if self.joined.pop(server, None) is None:
+        joined = self.joined.pop(server, None)
+        if joined is None:
             return None
         self.machines.pop(server, None)
         self.leaving = [n for n in self.leaving if n != server]
@@ -113,11 +138,22 @@ class Servers:
             self.states = {n: state for n, state in self.states.items() if n != server}
             return None
         self.splat_servers = [n for n in self.splat_servers if n != server]
+        cause += self._lost_again(joined.process)
         role = self.states[server].role
         alone = all(other.role is not role for other in self.joined.values())
         lost = replace(self.states[server], lost=True, cause=cause, alone=alone)
         self.note([lost])
         return lost
+
+    def _lost_again(self, process: str) -> str:
+        """Note the loss of what a process had; what to tell of it beside the cause, once."""
+        if not process:
+            return ""
+        self._losses[process] += 1
+        often = self._losses[process] - MOST_LOSSES
+        if often >= 0:
+            self._kept_out[process] = KEPT_OUT << min(often, 10)
+        return f"; {LOST_AGAIN}" if often == 0 else ""
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken."""

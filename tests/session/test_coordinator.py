@@ -63,6 +63,7 @@ from volsplat.client.coordinator.coordinator_events import (
 from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
 from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.server_states import ImageIncomplete
+from volsplat.client.coordinator.servers import KEPT_OUT, LOST_AGAIN, MOST_LOSSES, Servers
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
@@ -332,6 +333,51 @@ def test_a_worker_that_could_not_link_gets_a_part_again_only_if_no_other_is_left
     coordinator.handle(ServerLost(SECOND, GONE))
     told = coordinator.handle(ServerLost(other.server, GONE))
     assert coordinator.failure is None and (again.server, messages.DescribeVolume) in sent(told)
+
+
+def joined_anew(servers: Servers, number: int, process: str) -> None:
+    servers.add(ServerJoined(number, Role.MAPSHADE_SERVER, f"map/shade server {number}", "", NO_DATA, process=process))
+    servers.describe(number, messages.MachineDescribed(1, threads=1))
+
+
+def test_a_process_that_joins_and_is_lost_again_and_again_gets_no_part_until_others_have_drawn() -> None:
+    servers, causes = Servers(), list[str]()
+    joined_anew(servers, FIRST, "one that stays")
+    servers.workers = [FIRST]
+    for number in range(20, 20 + MOST_LOSSES):
+        joined_anew(servers, number, "the same")
+        assert servers.idle() == [number]
+        servers.workers.append(number)
+        lost = servers.lose(number, GONE)
+        assert lost is not None
+        causes.append(lost.cause)
+    assert [LOST_AGAIN in cause for cause in causes] == [False] * (MOST_LOSSES - 1) + [True]
+    joined_anew(servers, 30, "the same")
+    joined_anew(servers, 31, "another one")
+    for _ in range(KEPT_OUT):
+        assert servers.idle() == [31] and servers.ready(Role.MAPSHADE_SERVER)[-1] == 30
+        servers.drew_whole([FIRST])
+    assert {*servers.idle()} == {30, 31}
+    servers.workers.append(30)
+    lost = servers.lose(30, GONE)
+    assert lost is not None and lost.cause == GONE, "it is told once"
+    joined_anew(servers, 32, "the same")
+    servers.lose(31, GONE)
+    assert servers.idle() == []
+    servers.lose(FIRST, GONE)
+    assert servers.idle() == [32], "nobody else is left"
+
+
+def test_one_that_had_a_part_in_a_whole_frame_is_as_good_as_new() -> None:
+    servers = Servers()
+    joined_anew(servers, FIRST, "one that stays")
+    servers.workers = [FIRST]
+    for number in range(20, 30 + MOST_LOSSES):
+        joined_anew(servers, number, "the same")
+        assert servers.idle() == [number]
+        servers.workers.append(number)
+        servers.drew_whole([FIRST, number])
+        servers.lose(number, GONE)
 
 
 def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
