@@ -599,6 +599,16 @@ def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(
         outbox.close()
 
 
+def test_of_images_that_wait_for_one_that_nobody_reads_only_those_of_the_newest_frame_are_kept(bench: Bench) -> None:
+    server, frames = bench._server, range(1, 101)
+    server._outbox.holds_image = True  # as until it is read
+    for frame in frames:
+        for _ in range(2):
+            bench.control.send(messages.ReadImage(frame))
+    newest = messages.ReadImage(frames[-1])
+    wait_until(lambda: list(server._images_wanted) == [newest, newest], "are these alone left")
+
+
 def test_images_asked_for_at_once_are_each_answered(bench: Bench) -> None:
     assert bench.draws(1, batches(slabs(0, 8, 16))).complete
     for _ in range(5):
