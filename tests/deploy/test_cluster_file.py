@@ -80,7 +80,7 @@ dask = {scheduler = "tcp://desk.lab:8786", scheduler-file = "dask.json", resourc
 [[machines]]
 launcher = "slurm"
 map-shade-servers = 5
-slurm = {options = ["--partition=short"], folder = "/home/lab"}
+slurm = {options = ["--partition=short"], folder = "/cluster/lab"}
 
 [[machines]]
 launcher = "kubernetes"
@@ -120,7 +120,7 @@ MEANT = Cluster(
         Machine(
             launcher="slurm",
             map_shade_servers=5,
-            slurm=SlurmKeys(options=("--partition=short",), folder="/home/lab"),
+            slurm=SlurmKeys(options=("--partition=short",), folder="/cluster/lab"),
         ),
         Machine(
             launcher="kubernetes",
