@@ -371,14 +371,19 @@ class Connection:
 
     def _ended(self) -> VolsplatError:
         place = "" if self._decoder.between_messages else " in the middle of a message"
-        return self._closed_for(f"{self} is gone: it closed the connection{place}; {OWN_OUTPUT}")
+        return self._closed_for(f"{self} is gone: it closed the connection{place}{self._who_tells}")
 
     def _lost(self, error: OSError) -> VolsplatError:
         if isinstance(error, TimeoutError) and self._deadline is not None:
             return self._closed_for(f"{self} did not finish the handshake in time")
         if error.errno == errno.ETIMEDOUT:
             return self._closed_for(f"{self} is gone: what is sent to it does not arrive, or is not taken; {PATH_CURE}")
-        return self._closed_for(f"{self} is gone: {error.strerror or error}; {OWN_OUTPUT}")
+        return self._closed_for(f"{self} is gone: {error.strerror or error}{self._who_tells}")
+
+    @property
+    def _who_tells(self) -> str:
+        """Who has never said anything may be no program of ours."""
+        return f"; {OWN_OUTPUT}" if self.opened or self.counters.messages_in else ""
 
     def _closed_for(self, loss: str) -> VolsplatError:
         """Close it for this loss, and say why it is closed: whichever thread finds a loss first, both tell that one."""

@@ -40,9 +40,10 @@ class WaitingPort:
         self._role = role
         self._token = token
         self._allocate = allocate
-        self._lock = threading.Lock()  # guards the two below
+        self._lock = threading.Lock()  # guards the three below
         self._hello: Hello | None = None  # of who waits now
         self._engaged = "is not ready yet"
+        self._client_host: str | None = None  # of who is served
         self._port = Port(self._greet, address.host, address.port, encryption=encryption)
 
     @property
@@ -56,7 +57,7 @@ class WaitingPort:
         client = self._port.accept(seconds)
         if client is None:
             with self._lock:
-                self._hello, self._engaged = None, "is not ready yet"
+                self._hello, self._engaged, self._client_host = None, "is not ready yet", None
             raise PeerLost(f"no client has come to {self.address} for {seconds:g} s")
         return client
 
@@ -67,7 +68,7 @@ class WaitingPort:
         with self._lock:
             hello = self._hello
         fresh = msgspec.structs.replace(hello or new_hello(self._role), nonce=secrets.token_bytes(NONCE_BYTES))
-        handshake = DiallerHandshake(self._token, fresh, Role.CLIENT, lambda: self._why_engaged(hello))
+        handshake = DiallerHandshake(self._token, fresh, Role.CLIENT, lambda: self._why_engaged(hello, address.host))
         shake_hands(connection, handshake)
         peer = Peer(Role.CLIENT, address.host, address.port, version=handshake.version)
         with self._engaged_for(peer, hello):
@@ -82,7 +83,7 @@ class WaitingPort:
         with self._lock:
             if hello is None or self._hello is not hello:
                 raise TooEarly(self._engaged)
-            self._hello = None
+            self._hello, self._client_host = None, client.host
             self._engaged = f"serves another client, at {client.host}, since {time.strftime('%H:%M:%S')}"
         try:
             yield
@@ -91,7 +92,10 @@ class WaitingPort:
                 self._hello = hello
             raise
 
-    def _why_engaged(self, hello: Hello | None) -> str:
-        """Empty for a client that has heard the hello of who still waits."""
+    def _why_engaged(self, hello: Hello | None, caller: str) -> str:
+        """Empty for a client, at the host `caller`, that has heard the hello of who still waits."""
         with self._lock:
-            return "" if hello is not None and self._hello is hello else self._engaged
+            if hello is not None and self._hello is hello:
+                return ""
+            own = " (if that is this one: by a connection whose end has not come through yet)"
+            return self._engaged + (own if caller == self._client_host else "")

@@ -5,6 +5,7 @@ import os
 import queue
 import re
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -27,7 +28,7 @@ from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
 from volsplat.protocol.text.rare_lines import MOST_AT_ONCE, RareLines
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
-from volsplat.protocol.wire.connection import SHORT_MESSAGE, Connection, ConnectionClosed
+from volsplat.protocol.wire.connection import OWN_OUTPUT, SHORT_MESSAGE, Connection, ConnectionClosed
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import new_hello
@@ -726,3 +727,16 @@ def test_a_connection_that_this_side_closes_ends_quietly(host: str) -> None:
         with near:
             near.close()
             assert near.receive() is None
+
+
+@pytest.mark.parametrize("resets", [False, True])
+def test_who_has_never_said_anything_is_not_said_to_tell_why_it_ended(resets: bool) -> None:
+    """It may be a scanner of ports."""
+    with socket.create_server((LOOPBACK, 0)) as listening:
+        caller = socket.create_connection(listening.getsockname())
+        with Connection(listening.accept()[0], "whoever dials") as connection:
+            caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", resets, 0))
+            caller.close()
+            with pytest.raises(PeerLost, match="whoever dials is gone: ") as told:
+                connection.receive()
+    assert OWN_OUTPUT not in str(told.value)

@@ -66,6 +66,13 @@ def test_a_second_client_is_told_in_one_line_who_is_served() -> None:
             assert len(said) <= 1 and "\n" not in "".join(said)
 
 
+def test_a_client_that_comes_from_where_the_served_one_is_hears_that_it_may_be_its_own_connection() -> None:
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        client, served = taken(port)
+        with client, served, pytest.raises(PeerLost, match=r"serves another client, .* \(if that is this one: "):
+            called(port.address, patience=0.2)
+
+
 def test_of_two_clients_that_come_at_once_one_is_served_and_the_other_dials_again() -> None:
     """Both have heard the hello before either is let in. Who came second is not kept for the session after."""
     at_once, clients = threading.Barrier(2), list[Connection]()
