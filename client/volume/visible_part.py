@@ -41,13 +41,13 @@ def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, V
     if scale * voxel < 1.0 and half > footprint and ball.radius > 0.0:  # footprints are then widened to pixels
         scale = min(scale, (half - footprint) / ball.radius)
     zoom = allowed_zoom(scale * geometry.reference_spacing)
-    place = matrices.minus(ball.centre, geometry.origin)
-    return zoom, matrices.applied(matrices.inverse(geometry.index_to_physical), place)
+    return zoom, matrices.applied(matrices.inverse(geometry.index_to_physical), ball.centre)
 
 
 def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, extremes: BlockExtremes) -> Ball:
     """The smallest ball of the visible voxels' centres, physical; about the view's centre where that is given.
 
+    It lies relative to the centre of voxel (0, 0, 0): with an origin far away added, places would be rounded.
     Where nothing is visible, of all within the bounds; white edges are visible, too. Raises ValueError for bounds
     that the volume does not have.
     """
@@ -59,7 +59,7 @@ def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, e
     points = _physical(geometry, corners)
     if scene.view.center == "middle":
         return enclosing_ball(points)
-    centre = geometry.physical(scene.view.center)
+    centre = matrices.applied(geometry.index_to_physical, scene.view.center)
     return Ball(centre, reach(centre, points))
 
 
@@ -118,7 +118,6 @@ def _corners_of(low: Indices, high: Indices) -> Indices:
 
 
 def _physical(geometry: Geometry, indices: Indices) -> Points:
-    """Geometry.physical of each, by the very operations."""
+    """Where each is from voxel (0, 0, 0), by the very operations of `matrices`."""
     i, j, k = indices.T.astype(np.float64)
-    along = zip(geometry.index_to_physical, geometry.origin, strict=True)
-    return np.stack([a * i + b * j + c * k + at for (a, b, c), at in along], axis=1)
+    return np.stack([a * i + b * j + c * k for a, b, c in geometry.index_to_physical], axis=1)

@@ -9,16 +9,19 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from support.scenes.arbitrary import plain_scene
+from support.scenes.arbitrary import geometries, plain_scene
 from support.thoroughness import examples
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.enclosing_ball import enclosing_ball, squared_distances
 from volsplat.client.volume.surveyed_volume import asking_for_fit
+from volsplat.client.volume.visible_part import fitting_view, visible_ball
+from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Bounds, CrossBar, Field, Scene, View
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.index_rules import Quantisation
 
 SIZE = 96
 DIMS = (60, 70, 80)
@@ -107,6 +110,23 @@ def test_bounds_tables_and_cross_bar_decide_what_is_fitted(ball: Path) -> None:
         clear = msgspec.structs.replace(scene.tables.opac, points=((0.0, 0.0),))
         nothing = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=clear))
         assert single.volume.settled(nothing).view.zoom == everything.zoom
+
+
+@settings(max_examples=examples(30))
+@given(
+    geometry=geometries(), origin=st.tuples(*[st.floats(-1e15, 1e15)] * 3), centred=st.booleans(), edges=st.booleans()
+)
+def test_a_fit_does_not_depend_on_where_the_volume_lies(
+    geometry: Geometry, origin: tuple[float, float, float], centred: bool, edges: bool
+) -> None:
+    scene = scene_from((0.0, 0.0, 0.0, 1.0), center="middle" if centred else (1.0, 0.5, 0.0))
+    scene = msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, edges=edges))
+    quantisation, extremes = Quantisation((0.0, 255.0), 1.0), BlockExtremes.nothing(geometry.dims)
+    views = []
+    for at in ((0.0, 0.0, 0.0), origin):
+        placed = msgspec.structs.replace(geometry, origin=at)
+        views.append(fitting_view(scene, placed, visible_ball(scene, placed, quantisation, extremes)))
+    assert views[0] == views[1]
 
 
 def test_what_is_given_keeps_its_meaning(ball: Path) -> None:
