@@ -137,14 +137,24 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @lru_cache(KEPT_PLACES)
 def _check_place(index_to_physical: Matrix, origin: Vector) -> None:
-    inverse = matrices.inverse(index_to_physical)
-    spacing, reference_spacing = _spacing(index_to_physical), _reference_spacing(index_to_physical)
-    numbers = (*origin, *spacing, *(entry for row in inverse for entry in row))
-    if not all(map(math.isfinite, numbers)) or min(spacing) <= 0.0 or not reference_spacing > 0.0:
+    spacing, volume = _spacing(index_to_physical), matrices.determinant(index_to_physical)
+    told = f"index_to_physical is {index_to_physical}"
+    if any(step == (0.0, 0.0, 0.0) for step in matrices.transposed(index_to_physical)):
+        raise ValueError(f"a volume's three axes do not span space: one has spacing 0; {told}")
+    computable = all(0.0 < step < math.inf for step in spacing) and math.isfinite(volume)
+    if computable and volume == 0.0 and _has_size(spacing):
+        raise ValueError(f"a volume's three axes do not span space; {told}")
+    inverse = matrices.inverse(index_to_physical) if computable and volume != 0.0 else ()
+    numbers = (*origin, *(entry for row in inverse for entry in row))
+    if not inverse or not all(map(math.isfinite, numbers)) or not _reference_spacing(index_to_physical) > 0.0:
         raise ValueError(
-            f"a volume's place in space must be of a size that float64 can compute with; index_to_physical is "
-            f"{index_to_physical}, origin {origin}"
+            f"a volume's place in space must be of a size that float64 can compute with; {told}, origin {origin}"
         )
+
+
+def _has_size(spacing: Vector) -> bool:
+    """Whether a voxel's volume does not vanish for the smallness of its sides alone."""
+    return spacing[0] * spacing[1] * spacing[2] > 0.0
 
 
 @lru_cache(KEPT_PLACES)

@@ -173,7 +173,7 @@ REFUSALS = {
     "a plane": (cube_text(values_of(1, (4, 5, 1))[..., 0]), "a 2-D image, volsplat needs a volume"),
     "a lying size": (edited(3, "  4000000 0.3 0 0"), "promises 120000000 numbers, but the file holds only"),
     "no step": (edited(4, "  5 0 0 0"), "do not span space"),
-    "a step that is no number": (edited(4, "  5 nan 0 0"), "do not span space"),
+    "a step that is no number": (edited(4, "  5 nan 0 0"), "of a size that float64 can compute with"),
     "an origin that is no number": (edited(2, "  2 nan 0 0"), "origin is not finite"),
     "words among the voxels": (edited(9, "  1.0 2.0 three 4.0 5.0 6.0"), "has b'three' where a voxel should be"),
     "truncated": (cube_text(values_of()[..., 0])[:-40], "is truncated, it ends after 117 of its 120 numbers"),
