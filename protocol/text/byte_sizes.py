@@ -23,5 +23,7 @@ def bytes_text(count: float) -> str:
 
 def size_on_disk(count: int) -> str:
     """As file managers write it, to three digits and by thousands: "117 B", "1.56 MB"."""
-    power = min((len(str(count)) - 1) // 3, len(ON_DISK) - 1)
+    power = 0
+    while power < len(ON_DISK) - 1 and float(f"{count / 1000**power:.3g}") >= 1000:  # 999,600 bytes are 1 MB
+        power += 1
     return f"{count / 1000**power:.3g} {ON_DISK[power]}"
