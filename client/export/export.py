@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from volsplat.client.export.gaussians import write_gaussians
+from volsplat.client.export.local_origin import NOWHERE_ELSE, local_origin, origin_text
 from volsplat.client.export.mesh import need_mesh, write_mesh
 from volsplat.client.export.view_light import Light
 from volsplat.client.image.image_formats import check_place
@@ -44,7 +45,17 @@ def write_export(
     """Write the file that the name's ending asks for; says what it holds. Raises BadInput."""
     check_export(path, level, light)
     if path.suffix.lower() == CLOUD:
-        return f"{write_gaussians(single, scene, path, every, light or 'viewer', on_progress)} Gaussians"
+        count = write_gaussians(single, scene, path, every, light or "viewer", on_progress)
+        return f"{count} Gaussians{_place_note(path, single)}"
     written = write_mesh(single, scene, path, level, every, on_progress)
     unit = f" {single.volume.description.value_unit}".rstrip()
-    return f"{written.triangles} triangles at {written.level:.6g}{unit}"
+    return f"{written.triangles} triangles at {written.level:.6g}{unit}{_place_note(path, single)}"
+
+
+def _place_note(path: Path, single: SingleProcess) -> str:
+    """Where the file's own origin lies, if that is not the volume's."""
+    geometry = single.volume.description.geometry
+    local = local_origin(geometry)
+    if path.suffix.lower() in (".glb", ".obj") or local == NOWHERE_ELSE:  # .glb says so itself, .obj has all digits
+        return ""
+    return f", counted from {origin_text(local, geometry.spacing)}: from 0, float32 would not keep voxels apart"

@@ -15,10 +15,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.client.export.local_origin import NOWHERE_ELSE, local_origin, origin_text
 from volsplat.client.export.view_light import HARMONIC, HARMONICS, Light, light_harmonics
 from volsplat.client.files.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA
 from volsplat.protocol.text.errors import BadInput
 
@@ -53,10 +56,12 @@ def write_gaussians(
         on_progress(done / sheets)
     _check_count(count)
     to_physical = np.array(voxels.level.index_to_physical)
-    origin = np.array(voxels.level.origin)
+    geometry = voxels.fields.geometry
+    local = local_origin(single.volume.description.geometry)
+    origin = np.array(voxels.level.origin) - np.array(local)
     scales, rotation = ellipsoid(every * to_physical)
     with whole_file(path) as file:
-        file.write(_header(count, voxels.fields.geometry.dims))
+        file.write(_header(count, geometry, local))
         for done, some in enumerate(voxels.visible(least), 1):
             rows = np.zeros((len(some.indices), len(NAMES)), dtype="<f4")
             rows[:, 0:3] = some.indices @ to_physical.T + origin
@@ -116,7 +121,10 @@ def _check_count(count: int) -> None:
         raise BadInput(f"{count} voxels are visible, more than the {MOST_GAUSSIANS} of a file; {FEWER}")
 
 
-def _header(count: int, dims: tuple[int, int, int]) -> bytes:
+def _header(count: int, geometry: Geometry, local: Vector) -> bytes:
     properties = "".join(f"property float {name}\n" for name in NAMES)
+    dims = geometry.dims
     made = f"comment volsplat export of {dims[0]} x {dims[1]} x {dims[2]} voxels\n"
+    if local != NOWHERE_ELSE:
+        made += f"comment x, y, z are counted from {origin_text(local, geometry.spacing)}\n"
     return f"ply\nformat binary_little_endian 1.0\n{made}element vertex {count}\n{properties}end_header\n".encode()

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.client.export.local_origin import NOWHERE_ELSE, local_origin
 from volsplat.client.files.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.clearest_entries import clearest_entries
@@ -71,15 +72,21 @@ def write_mesh(
         raise BadInput(f"no surface has the value {told:g}; the window is {_told(quantisation.window)}: give --level")
     to_physical = np.array(voxels.level.index_to_physical)
     index = np.array(voxels.first) + every * (corners - 1.0)  # one voxel is put around
-    points = index @ to_physical.T + np.array(voxels.level.origin)
+    kind, colour = path.suffix.lower()[1:], _colour(scene, density)
+    local = NOWHERE_ELSE if kind == "obj" else local_origin(single.volume.description.geometry)  # .obj is text
+    points = index @ to_physical.T + (np.array(voxels.level.origin) - np.array(local))
     if np.linalg.det(to_physical) < 0.0:
         triangles = triangles[:, ::-1]
-    kind, colour = path.suffix.lower()[1:], _colour(scene, density)
     voxel = np.linalg.norm(to_physical, axis=0).min()
     mesh: Any = trimesh.Trimesh(points / voxel, triangles, process=False)
     mesh.visual.vertex_colors = np.tile(linear(colour) if kind == "glb" else colour, (len(points), 1))
     _ = mesh.face_normals  # which trimesh has of triangles of usual size alone, and keeps
     mesh.apply_scale(voxel)
+    if kind == "glb" and local != NOWHERE_ELSE:
+        placed, translation = trimesh.Scene(), np.eye(4)
+        translation[:3, 3] = local
+        placed.add_geometry(mesh, transform=translation)
+        mesh = placed
     with whole_file(path) as file:
         made = mesh.export(file_type=kind, **({"digits": _digits(voxel)} if kind == "obj" else {}))
         file.write(made.encode() if isinstance(made, str) else made)

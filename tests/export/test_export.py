@@ -130,6 +130,31 @@ def test_a_mesh_is_the_surface_right_side_out(affine: NDArray[np.float64], tmp_p
         assert 0.0 < edge_of_table(scene) < 255.0
 
 
+def test_far_from_the_origin_voxels_are_kept_apart(tmp_path: Path) -> None:
+    import trimesh
+
+    far = np.array([5e5, 5.3e6, 100.0])
+    affine = np.diag([0.1, 0.1, 0.1, 1.0])
+    affine[:3, 3] = far
+    with SingleProcess(ball(affine)) as single:
+        scene = single.volume.default_scene()
+        told = {
+            kind: write_export(single, scene, tmp_path / f"ball{kind}", None, 1, None)
+            for kind in (".ply", ".stl", ".glb", ".obj")
+        }
+    assert all(
+        ("counted from 500000.0000, 5300000.0000, 100.0000" in told[kind]) == (kind in ".ply .stl") for kind in told
+    )
+    cloud = plyfile.PlyData.read(str(tmp_path / "ball.ply"))
+    assert any("counted from 500000.0000, 5300000.0000, 100.0000" in line for line in cloud.comments)
+    steps = np.array([cloud["vertex"][axis] for axis in "xyz"]) / 0.1
+    assert np.abs(steps - np.round(steps)).max() < 0.01
+    for kind, origin in ((".stl", (0.0, 0.0, 0.0)), (".glb", far), (".obj", far)):
+        mesh: Any = trimesh.load(tmp_path / f"ball{kind}", force="mesh")
+        assert mesh.bounds.mean(axis=0) - origin == pytest.approx([1.2] * 3, abs=0.01)
+        assert mesh.extents == pytest.approx(np.repeat(mesh.extents.mean(), 3), abs=0.01)
+
+
 def test_a_mesh_of_nanometres_in_metres_keeps_its_shape(tmp_path: Path) -> None:
     for name, unit in (("tiny", 5e-9), ("usual", 1.0)):
         with SingleProcess(ball(np.diag([unit, unit, unit, 1.0]))) as single:
