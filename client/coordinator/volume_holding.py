@@ -364,7 +364,9 @@ class VolumeHolding:
         assert self._known is not None
         self._known.counted(message, event.payload, self._voxels_of(event.server))
         self._pending.discard(event.server)
-        return [] if self._pending else self._surveyed()
+        if self._pending:
+            return []
+        return self._count() if self._known.narrow() else self._surveyed()
 
     def _voxels_of(self, server: int) -> int:
         return sum(box.voxels for box in self.boxes[server])

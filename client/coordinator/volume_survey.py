@@ -13,7 +13,7 @@ from volsplat.protocol.messages.volume_messages import (
     HistogramsCounted,
     VolumeDescribed,
 )
-from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey, narrowed
 from volsplat.protocol.text.errors import RemoteProtocolError
 
 HISTOGRAMS_BYTES = HISTOGRAM_BINS * HISTOGRAM_BYTES
@@ -43,10 +43,10 @@ class VolumeSurvey:
         self._survey = survey if self._survey is None else self._survey.joined(survey)
 
     def count_request(self, assignment: int) -> CountHistograms:
-        """What to ask once every part is surveyed."""
+        """What to ask once every part is surveyed, or counted too coarsely."""
         assert self._survey is not None
-        low, high = self._survey.low, self._survey.high
-        return CountHistograms(assignment=assignment, low=low, high=high, max_gradient=self._survey.max_gradient)
+        ranges = self._survey.ranges
+        return CountHistograms(assignment, low=ranges.low, high=ranges.high, max_gradient=ranges.max_gradient)
 
     def counted(self, message: HistogramsCounted, payload: memoryview, voxels: int) -> None:
         """Take one server's part, of so many voxels. Raises RemoteProtocolError if it cannot be that."""
@@ -55,6 +55,16 @@ class VolumeSurvey:
         check_counts(payload[:HISTOGRAMS_BYTES], voxels)
         check_extremes(payload[HISTOGRAMS_BYTES:], self.description.geometry.dims)
         self._add(payload)
+
+    def narrow(self) -> bool:
+        """Whether all is to be counted once more, over narrower ranges, once every part is counted."""
+        assert self._survey is not None
+        extremes, told = BlockExtremes(*self._extremes.tolist()), self.description
+        narrower = narrowed(self._survey, self._counts[0].tolist(), extremes, told.scalar_type, told.kind)
+        if narrower is not None:
+            self._survey = narrower
+            self._counts[:] = 0
+        return narrower is not None
 
     def volume(self) -> SurveyedVolume:
         """All that is known, once every part is counted."""

@@ -87,7 +87,7 @@ class DensityHistogram:
 
 
 def density_histogram(survey: Survey, counts: list[int], window: tuple[float, float]) -> DensityHistogram:
-    """The bytes' counts from the survey's histogram, whose bins split survey.low..survey.high evenly.
+    """The bytes' counts from the survey's histogram, whose bins split the values' range in survey.ranges evenly.
 
     Raises BadInput for a window too narrow for a scale.
     """
@@ -95,8 +95,9 @@ def density_histogram(survey: Survey, counts: list[int], window: tuple[float, fl
     scale = LAST / (high - low)
     if math.isinf(scale):
         raise BadInput(f"the values differ by no more than {high - low:g}, too little to tell apart; scale them up")
-    width = (survey.high - survey.low) / len(counts)
-    values = survey.low + (np.arange(len(counts)) + 0.5) * width
+    ranges = survey.ranges
+    width = (ranges.high - ranges.low) / len(counts)
+    values = ranges.low + (np.arange(len(counts)) + 0.5) * width
     with np.errstate(over="ignore"):
         places = (values - low) * scale
     return DensityHistogram(window, summed_by_byte(places, counts))
@@ -114,11 +115,12 @@ def window_of_shares(survey: Survey, counts: list[int], low: float, high: float)
 
     They are the outer edges of the bins of the survey's histogram that those shares end in.
     """
-    width = (survey.high - survey.low) / len(counts)
+    ranges = survey.ranges
+    width = (ranges.high - ranges.low) / len(counts)
     seen = list(accumulate(counts))
     first = bisect_right(seen, low * seen[-1]) if low * seen[-1] < seen[-1] else 0
     last = min(bisect_left(seen, high * seen[-1]), len(counts) - 1)
-    return (survey.low + first * width, min(survey.low + (last + 1) * width, survey.high))
+    return (ranges.low + first * width, min(ranges.low + (last + 1) * width, ranges.high))
 
 
 def otsu_byte(counts: list[float]) -> int:

@@ -88,9 +88,10 @@ def subject_of(
     """What is known of a volume, under a window; `up` is the physical axis that is.
 
     `usual` is what this gives under the automatic window, if this is another. `density_counts` split
-    survey.low..survey.high. Raises BadInput for a window without a scale.
+    the values' range in survey.ranges. Raises BadInput for a window without a scale.
     """
     steps = [matrices.column(description.geometry.index_to_physical, axis) for axis in range(3)]
+    ranges = survey.ranges
     away = [matrices.normalised(step)[1] for step in steps]
     depth = max(range(3), key=lambda axis: abs(away[axis]))
     return Subject(
@@ -104,7 +105,7 @@ def subject_of(
         recedes=away[depth] > 0,
         face=_face(description.geometry, up),
         single_slice=sorted(description.geometry.dims)[:2].count(1) == 1,
-        fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,
+        fine=ValueCounts(ranges.low, ranges.high, density_counts) if survey.low <= survey.high else None,
         usual=usual,
     )
 

@@ -17,6 +17,8 @@ def check_survey(survey: Survey, voxels: int) -> None:
         raise RemoteProtocolError(
             f"it surveyed {survey.voxels} voxels, {survey.no_data} of them without data, but its boxes have {voxels}"
         )
+    if survey.counted is not None:
+        raise RemoteProtocolError("it tells of ranges of histograms that nobody has counted yet")
     if math.isnan(survey.low) or math.isnan(survey.high) or not survey.max_gradient >= 0.0:
         raise RemoteProtocolError(
             f"its values go from {survey.low} to {survey.high} and their gradients to {survey.max_gradient}"

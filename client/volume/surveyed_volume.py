@@ -32,7 +32,8 @@ REMEMBERED = 16  # scenes, and windows
 NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
 
 LIKE_A_FILL_VALUE = 1e15  # 1e20, 9.97e36 and 3.4e38 are in use; hardly any data reaches as far
-NEARLY_ALL = 0.95  # of the voxels, in one of the survey's bins
+NEARLY_ALL = 0.95  # of the voxels, in the first and the last of the survey's bins
+_MARK_IT = "mark it so (NaN, a fill value)"
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class SurveyedVolume:
 
     description: VolumeDescription
     survey: Survey
-    density_counts: list[int]  # over survey.low..survey.high
+    density_counts: list[int]  # over the values' range in survey.ranges
     strength_counts: list[int]  # over strength_range
     extremes: BlockExtremes
     prepared: Prepared | None = None  # where its packets were made before
@@ -67,7 +68,7 @@ class SurveyedVolume:
     @property
     def strength_range(self) -> tuple[float, float]:
         """What the packets' second byte may hold: |gradient|, or a second scalar."""
-        return self.description.second_scalar or (0.0, self.survey.max_gradient)
+        return self.description.second_scalar or (0.0, self.survey.ranges.max_gradient)
 
     @cached_property
     def strength_scale(self) -> float:
@@ -159,11 +160,14 @@ class SurveyedVolume:
         """What is unusual about the values, for a person to know."""
         if self.survey.low == self.survey.high:
             return [f"every voxel has the value {self.survey.low:.7g}: the volume is a block without structure"]
-        extreme = max(self.survey.low, self.survey.high, key=abs)
-        together = max(self.density_counts, default=0) / max(sum(self.density_counts), 1)
-        if abs(extreme) >= LIKE_A_FILL_VALUE and together >= NEARLY_ALL:
-            told = "if that stands for no data, mark it so (NaN, a fill value), or give the window of the others"
-            return [f"some voxels have {extreme:.7g}, which makes nearly all others one density: {told}"]
+        extreme, counted = max(self.survey.low, self.survey.high, key=abs), self.survey.counted
+        if counted is not None:
+            told = f"all others have {counted.low:.5g} to {counted.high:.5g}, and it is drawn as an end of that"
+            return [f"few voxels have values as far off as {extreme:.7g}: {told}; if it stands for no data, {_MARK_IT}"]
+        at_ends = sum(self.density_counts[end] for end in (0, -1)) / max(sum(self.density_counts), 1)
+        if abs(extreme) >= LIKE_A_FILL_VALUE and at_ends >= NEARLY_ALL:
+            told = f"if that stands for no data, {_MARK_IT}, or give the window of the others"
+            return [f"voxels that have {extreme:.7g} make nearly all others one density: {told}"]
         return []
 
     def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable

@@ -39,7 +39,7 @@ def density_certainty(voxel: ProbedVoxel, volume: SurveyedVolume, quantise: Quan
 
 def strength_certainty(voxel: ProbedVoxel, volume: SurveyedVolume) -> Certainty:
     """Likewise of its strength, of which the greatest are beyond what steps are made for."""
-    least, most = volume.strength_range
+    least, most = volume.description.second_scalar or (0.0, volume.survey.max_gradient)
     if volume.strength_scale == 0.0:
         return Certainty.EXACT
     byte = round((voxel.strength - least) * volume.strength_scale)

@@ -16,7 +16,8 @@ def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> dic
     told, survey = known.description, known.survey
     geometry, empty = told.geometry, survey.low > survey.high
     shares = () if empty else PERCENTILES
-    found = percentiles(known.density_counts, survey.low, survey.high, shares)
+    ranges = survey.ranges
+    found = percentiles(known.density_counts, ranges.low, ranges.high, shares)
     cuts = {f"{share:.0%}": value for share, value in zip(shares, found, strict=True)}
     facts = {
         "name": told.name,
@@ -38,7 +39,7 @@ def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> dic
         "range": None if empty else (survey.low, survey.high),
         "percentiles": cuts or None,
         "window": known.automatic_window,
-        "histogram": None if empty else {"low": survey.low, "high": survey.high, "counts": known.density_counts},
+        "histogram": None if empty else {"low": ranges.low, "high": ranges.high, "counts": known.density_counts},
         "levels": [level.dims for level in known.prepared.levels] if known.prepared is not None else None,
         "parts": [one._asdict() for one in parts],
         "notes": [*told.warnings, *known.notes()],

@@ -45,7 +45,7 @@ class TitledPart(NamedTuple):
 class VolumeInfo:
     """What a person wants to know of a volume before rendering it.
 
-    `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
+    `density_counts` splits the values' range in survey.ranges into even bins, `strength_counts` that of strengths;
     `window` is the density window that the servers will use, `strength_scale` their bytes per unit of strength;
     `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface;
     `stands_up` which way is up; `parts` what else can be named of the same file.
@@ -114,7 +114,7 @@ class VolumeInfo:
             rows.append(("range", "no voxel has a value"))
         else:
             rows.append(("range", f"{survey.low:.7g} to {survey.high:.7g}"))
-            cuts = percentiles(self.density_counts, survey.low, survey.high, PERCENTILES)
+            cuts = percentiles(self.density_counts, survey.ranges.low, survey.ranges.high, PERCENTILES)
             if "int" in description.scalar_type:
                 cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
             shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
@@ -185,7 +185,8 @@ def _strength_text(
     if survey.max_gradient > full:
         told += f", and so do stronger ones, up to {survey.max_gradient:.5g}"
     if strength_counts and any(strength_counts):
-        told += f"; half of the voxels are below {percentile(strength_counts, 0.0, survey.max_gradient, 0.5):.3g}"
+        half = percentile(strength_counts, 0.0, survey.ranges.max_gradient, 0.5)
+        told += f"; half of the voxels are below {half:.3g}"
     return told
 
 
@@ -225,7 +226,7 @@ def histogram_text(survey: Survey, counts: list[int], window: tuple[float, float
         lines.append("".join(BLOCKS[max(0, min(8, math.ceil(height - 8 * row)))] for height in heights))
     lines[0] += f"  {tallest} voxels"
     lines[-1] += "  (logarithmic)"
-    low, high = f"{survey.low:.6g}", f"{survey.high:.6g}"
+    low, high = f"{survey.ranges.low:.6g}", f"{survey.ranges.high:.6g}"
     lines.append("".join(_window_mark(n, survey, window) for n in range(HISTOGRAM_COLUMNS)) + "  density window")
     lines.append(low + high.rjust(HISTOGRAM_COLUMNS - len(low)))
     return "\n".join(line.rstrip() for line in lines)
@@ -241,5 +242,6 @@ def _joined(counts: list[int]) -> list[int]:
 
 def _window_mark(column: int, survey: Survey, window: tuple[float, float]) -> str:
     """A stroke under the columns whose middle lies within the window."""
-    value = survey.low + (survey.high - survey.low) * (column + 0.5) / HISTOGRAM_COLUMNS
+    low, high = survey.ranges.low, survey.ranges.high
+    value = low + (high - low) * (column + 0.5) / HISTOGRAM_COLUMNS
     return "─" if window[0] <= value <= window[1] else " "

@@ -226,7 +226,7 @@ class Preparation:
         )
         brick = self._options.layout.brick
         try:
-            surveyed = survey_volume(slabs, self._description.name, brick, executor, self._item_bytes, self._progress)
+            surveyed = survey_volume(slabs, self._description, brick, executor, self._item_bytes, self._progress)
         except BadInput:
             journal.withdraw()
             raise

@@ -82,9 +82,12 @@ class Surveyor(Protocol):
 
 
 def survey_volume(
-    slabs: SlabReader, name: str, brick: int, surveyor: Surveyor, item_bytes: int, progress: Progress
+    slabs: SlabReader, told: VolumeDescription, brick: int, surveyor: Surveyor, item_bytes: int, progress: Progress
 ) -> Surveyed:
-    """Has the volume read twice. Raises BadInput, also if no voxel has a value."""
+    """Has the volume read twice, or more often if a few values lie far from all others.
+
+    Raises BadInput, also if no voxel has a value.
+    """
     whole = slabs.geometry.box
     progress.begin("surveying", whole.voxels * item_bytes)
     survey = Survey(low=math.inf, high=-math.inf, max_gradient=0.0, voxels=0, no_data=0)
@@ -94,9 +97,27 @@ def survey_volume(
         sampled.append(looked.sampled)
         progress.advance(looked.survey.voxels * item_bytes)
     if survey.low > survey.high:
-        raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
+        raise BadInput(f"{told.name}: no voxel has a value, all are NaN or infinite; export the volume again")
 
-    progress.begin("counting", whole.voxels * item_bytes)
+    commonest = _commonest(np.concatenate(sampled))
+    while True:
+        surveyed = _counted_all(survey, slabs, surveyor, item_bytes, progress, commonest)
+        counts = surveyed.density_counts.tolist()
+        narrower = index_rules.narrowed(survey, counts, surveyed.extremes, told.scalar_type, told.kind)
+        if narrower is None:
+            return surveyed
+        survey = narrower
+
+
+def _counted_all(
+    survey: Survey,
+    slabs: SlabReader,
+    surveyor: Surveyor,
+    item_bytes: int,
+    progress: Progress,
+    commonest: NDArray[np.generic] | None,
+) -> Surveyed:
+    progress.begin("counting", slabs.geometry.box.voxels * item_bytes)
     density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
     extremes = BlockExtremes.nothing(slabs.geometry.dims)
     for counted in surveyor.of_slabs(partial(_counted, survey), slabs):
@@ -104,7 +125,7 @@ def survey_volume(
         strength += counted.strength
         extremes = extremes.joined(counted.extremes)
         progress.advance(counted.voxels * item_bytes)
-    return Surveyed(survey, density, strength, _commonest(np.concatenate(sampled)), extremes)
+    return Surveyed(survey, density, strength, commonest, extremes)
 
 
 def _looked(brick: int, slab: Slab) -> _Looked:
@@ -113,7 +134,8 @@ def _looked(brick: int, slab: Slab) -> _Looked:
 
 
 def _counted(survey: Survey, slab: Slab) -> _Counted:
-    found = slab.sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
+    ranges = survey.ranges
+    found = slab.sub_cube.histograms(ranges.low, ranges.high, ranges.max_gradient)
     return _Counted(slab.box.voxels, np.asarray(found.density), np.asarray(found.strength), found.extremes)
 
 

@@ -24,6 +24,7 @@ from typing import Literal
 
 import msgspec
 
+from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS, Kind
 from volsplat.protocol.description.scene import TABLE_ENTRIES
 from volsplat.protocol.description.volume import Geometry, Index
@@ -56,6 +57,11 @@ AGREEMENTS = tuple(sum(cosines) / len(cosines) for cosines in ROUGHNESS_COSINES)
 
 HISTOGRAM_BINS = 65536
 EIGHT_BITS = {"uint8": (0.0, 255.0), "int8": (-128.0, 127.0)}
+WINDOW_SHARES = (0.0005, 0.9995)  # of the voxels, that lie below the density window's ends
+FEWEST_BINS = 256  # of a histogram, that the density window may take: fewer are coarser than its bytes
+ROUNDING = 1e-9  # of a bin, by which its edge may be off
+NARROWEST = 2.0**-64  # of the whole range of values, that histograms are counted over
+STEEPER = 8.0  # gradients beside their values' range than in all of the volume, at most
 STRENGTH_PERCENTILE = 0.995  # of the voxels that have a gradient; above it, strength is 255
 
 
@@ -97,6 +103,14 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self.strength_low + byte / self.strength_scale if self.strength_scale else self.strength_low
 
 
+class CountedRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the bins of a volume's histograms split evenly; what lies beyond counts in the outermost bins."""
+
+    low: float  # of the values
+    high: float
+    max_gradient: float  # of |gradient|, from 0 on
+
+
 class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Counts over voxels, from which the rules of the whole volume are made. Those of boxes add up."""
 
@@ -105,6 +119,12 @@ class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_gradient: float  # greatest |gradient|
     voxels: int
     no_data: int  # voxels that are NaN
+    counted: CountedRanges | None = None  # if its histograms are of narrower ranges (see narrowed)
+
+    @property
+    def ranges(self) -> CountedRanges:
+        """What its histograms are counted over."""
+        return self.counted or CountedRanges(self.low, self.high, self.max_gradient)
 
     def joined(self, other: "Survey") -> "Survey":
         return Survey(
@@ -134,6 +154,37 @@ def percentiles(counts: list[int], low: float, high: float, fractions: Sequence[
     return [at(fraction) for fraction in fractions]
 
 
+def narrowed(
+    survey: Survey, counts: list[int], extremes: BlockExtremes, scalar_type: str, kind: Kind = Kind.UNKNOWN
+) -> Survey | None:
+    """The survey with narrower ranges, over which the histograms are to be counted again.
+
+    None where `counts` of densities are good, or finer ones would tell no more. Where a few voxels lie so far from all
+    others that these share few bins, that is the range of all blocks within those bins.
+    """
+    if scalar_type in EIGHT_BITS or kind in CLASS_KINDS or not survey.low < survey.high:
+        return None
+    ranges, bins = survey.ranges, len(counts)
+    width = (ranges.high - ranges.low) / bins
+    low, high = percentiles(counts, ranges.low, ranges.high, WINDOW_SHARES)
+    low = max(low - width * (1.0 + ROUNDING), ranges.low - width * ROUNDING)
+    if high - low > (FEWEST_BINS - 0.5) * width or ("int" in scalar_type and width <= 1.0):
+        return None
+    if bins * width < NARROWEST * (survey.high - survey.low):
+        return None
+    within = [
+        (least, greatest)
+        for least, greatest in zip(extremes.least, extremes.greatest, strict=True)
+        if low <= least <= greatest <= high
+    ]
+    least = min((least for least, _ in within), default=low)
+    greatest = max((greatest for _, greatest in within), default=high)
+    if not least < greatest:
+        return None  # they have one value, and what differs from it is what there is to see
+    steepest = min(STEEPER * (greatest - least) / (bins * width), 1.0) * ranges.max_gradient
+    return msgspec.structs.replace(survey, counted=CountedRanges(least, greatest, steepest))
+
+
 def density_window(
     survey: Survey, counts: list[int], scalar_type: str, kind: Kind = Kind.UNKNOWN
 ) -> tuple[float, float]:
@@ -148,9 +199,9 @@ def density_window(
         return EIGHT_BITS[scalar_type]
     if survey.low > survey.high:
         return (0.0, 1.0)
-    bin_width = (survey.high - survey.low) / len(counts)
-    low, high = percentiles(counts, survey.low, survey.high, (0.0005, 0.9995))
-    low -= bin_width
+    ranges = survey.ranges
+    low, high = percentiles(counts, ranges.low, ranges.high, WINDOW_SHARES)
+    low -= (ranges.high - ranges.low) / len(counts)
     if not low < high or kind in CLASS_KINDS:
         low, high = survey.low, survey.high
     # Values too close for a scale in float64 are a constant.
@@ -166,7 +217,7 @@ def strength_scale(survey: Survey, counts: list[int]) -> float:
     with_gradient[0] = 0
     if not any(with_gradient):
         with_gradient = counts
-    top = percentile(with_gradient, 0.0, survey.max_gradient, STRENGTH_PERCENTILE)
+    top = percentile(with_gradient, 0.0, survey.ranges.max_gradient, STRENGTH_PERCENTILE)
     scale = 255.0 / top
     return scale if math.isfinite(scale) else 0.0  # gradients so weak are none
 

@@ -162,5 +162,5 @@ def test_a_freehand_table_is_kept_entry_by_entry() -> None:
 )
 def test_a_geometry_without_voxels_or_volume_is_refused(dims: tuple[int, int, int], matrix: object) -> None:
     raw = {"dims": dims} | ({"index_to_physical": matrix} if matrix else {})
-    with pytest.raises(msgspec.ValidationError, match="voxel|matrix"):
+    with pytest.raises(msgspec.ValidationError, match="voxel|span space"):
         msgspec.convert(raw, type=Geometry)

@@ -27,7 +27,7 @@ from volsplat.mapshade_server.prepare.executor import Threads
 from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 
 MOST_READ = 1.2  # times what the file has
 DIMS = (128, 128, 128)
@@ -133,9 +133,10 @@ def test_a_survey_keeps_no_slab() -> None:
     reader = SlabReader(
         geometry, "uint8", (512, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), slab_bytes=8 * 512 * 512
     )
+    told = VolumeDescription(name="zeros", format="raw", geometry=geometry, scalar_type="uint8")
     tracemalloc.start()
     try:
-        survey_volume(reader, "zeros", 64, Threads(0), 1, Told())
+        survey_volume(reader, told, 64, Threads(0), 1, Told())
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -10,6 +10,7 @@ from volsplat.client.histogram.density_histogram import window_of_shares
 from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.text_field import number_field
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import KEYS
 
@@ -29,13 +30,20 @@ def density_window_fields(editor: SceneEditor, viewing: Viewing) -> None:
             _end_field(editor, volume.automatic_window, side, f"{end} {called}")
     with ui.element("div").classes("vs-buttons"):
         _button(editor, "automatic", "auto", "chosen from the data")
-        for text, low, high, meaning in (
-            ("all", 0.0, 1.0, "all that occurs"),
-            ("1–99 %", 0.01, 0.99, "without the lowest and the highest hundredth of the voxels"),
-            ("5–95 %", 0.05, 0.95, "without the lowest and the highest twentieth of the voxels"),
+        for text, share, meaning in (
+            ("all", 0.0, "all that occurs"),
+            ("1–99 %", 0.01, "without the lowest and the highest hundredth of the voxels"),
+            ("5–95 %", 0.05, "without the lowest and the highest twentieth of the voxels"),
         ):
-            window = window_of_shares(volume.survey, volume.density_counts, low, high)
+            window = _window_without(share, volume)
             _button(editor, text, window, meaning).set_enabled(window[0] < window[1])
+
+
+def _window_without(share: float, volume: SurveyedVolume) -> Window:
+    """All densities but for this share of the voxels on either side."""
+    if not share:
+        return (volume.survey.low, volume.survey.high)
+    return window_of_shares(volume.survey, volume.density_counts, share, 1.0 - share)
 
 
 def _button(editor: SceneEditor, text: str, window: Window | Literal["auto"], meaning: str) -> ui.button:
