@@ -4,7 +4,6 @@ from importlib.util import find_spec
 
 from volsplat.protocol.text.errors import BadInput
 
-
 WITH_TORCH = {"torch", "bench"}  # extras
 # Elsewhere torch comes with gigabytes for graphics cards, which are never used.
 CPU_BUILD = "--extra-index-url https://download.pytorch.org/whl/cpu"
