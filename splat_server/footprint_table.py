@@ -4,7 +4,7 @@ import math
 from functools import lru_cache
 
 from volsplat.protocol.description.scene import Kernel
-from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA, FootprintShape
+from volsplat.protocol.rules.footprint_shape import CORRECT_SPACING, GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA, FootprintShape
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Ellipse, FootprintTable, KernelProjection
@@ -55,7 +55,7 @@ def footprint_table(shape: FootprintShape, threads: int = 1) -> FootprintTable:
     ):
         raise BadInput(
             f"a voxel's footprint is {2 * shape.half_width:.5g} x {2 * shape.half_height:.5g} pixels; lower the zoom, "
-            "or correct the volume's spacing if its voxels are not as long as that (`volsplat info` shows it)"
+            f"or {CORRECT_SPACING}"
         )
     return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape), threads)
 

@@ -9,6 +9,7 @@ from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.messages.frame_messages import RenderFrame
+from volsplat.protocol.rules.footprint_shape import CORRECT_SPACING
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.light_blocks import DEPTH_UNIT, SKY, LightBlocks, light_step, to_blocks
@@ -81,7 +82,7 @@ def slab_table(
             projection, amplitude, form, half_extents, offset_bits, wide=amplitude < LEAST_NARROW_GAIN
         )
     except ValueError as error:
-        raise BadInput(f"{error}; lower the zoom") from error
+        raise BadInput(f"{error}; lower the zoom, or {CORRECT_SPACING}") from error
 
 
 def _light(request: RenderFrame) -> _kernels.SlabLight:

@@ -49,6 +49,7 @@ DOCUMENTED_RIPPLE = {
 ROUND_WITHIN = 1e-9  # relative: far above rounding errors, far below what shows
 
 GREATEST_COEFFICIENT = 1e6  # of the ellipse: 1 where it is widened to the pixel
+CORRECT_SPACING = "correct the volume's spacing if its voxels are not as long as that (`volsplat info` shows it)"
 GREATEST_AMPLITUDE = 1e30  # float32 computes with it
 
 

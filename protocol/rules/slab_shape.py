@@ -17,7 +17,7 @@ from volsplat.protocol.description.scene import Reconstruction, SlabKernel
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
-from volsplat.protocol.rules.footprint_shape import GREATEST_COEFFICIENT, widened
+from volsplat.protocol.rules.footprint_shape import CORRECT_SPACING, GREATEST_COEFFICIENT, widened
 from volsplat.protocol.rules.grid_on_screen import Dda, GridOnScreen, dda
 from volsplat.protocol.rules.levels import point_at_level
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBPIXEL_BITS
@@ -62,16 +62,18 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         numbers = [self.thickness, self.amplitude, *self.low, *self.high]
         numbers += [number for row in (*self.grid, *self.gradient) for number in row]
         if not all(abs(number) <= GREATEST_NUMBER for number in numbers):
-            raise ValueError(f"the numbers of a frame of slabs must be {GREATEST_NUMBER:g} at most")
+            raise ValueError(f"the numbers of a frame of slabs must be {GREATEST_NUMBER:g} at most; {CORRECT_SPACING}")
         if not (self.thickness > 0 and self.amplitude >= 0):
             raise ValueError("slabs need a thickness above 0, and an amplitude not below it")
         if not all(abs(number) <= GREATEST_COEFFICIENT for row in self.form for number in row):
-            raise ValueError(f"the coefficients of a kernel's ellipsoid must be {GREATEST_COEFFICIENT:g} at most")
+            raise ValueError(
+                f"the coefficients of a kernel's ellipsoid must be {GREATEST_COEFFICIENT:g} at most; {CORRECT_SPACING}"
+            )
         if not all(0 < extent <= LARGEST_REACH for extent in self.half_extents):
             reach = " x ".join(f"{extent:.5g}" for extent in self.half_extents)
             raise ValueError(
-                f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {reach}; lower the zoom, or correct "
-                "the volume's spacing if its voxels are not as long as that"
+                f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {reach}; lower the zoom, or "
+                f"{CORRECT_SPACING}"
             )
         if not 1 <= self.baseline <= GREATEST_BASELINE:
             raise ValueError(f"gradients look 1 to {GREATEST_BASELINE} pixels aside, not {self.baseline}")

@@ -94,6 +94,13 @@ def test_a_value_that_leaves_the_others_no_densities_is_told_of() -> None:
         vs.render(vs.Volume(values, spacing=(1, 1, 1)), size=16)
 
 
+def test_whole_numbers_that_float64_cannot_tell_apart_are_not_called_one_value() -> None:
+    values = np.full((8, 8, 8), 2**53, np.uint64)
+    values[4:] += np.uint64(1)
+    with pytest.warns(vs.VolumeNote, match="can be told apart beyond 2\\^53; subtract the least"):
+        vs.render(vs.Volume(values, spacing=(1, 1, 1)), size=16)
+
+
 @pytest.mark.parametrize("place", ["in a notebook", "on a display"])
 def test_whatever_shows_a_volume_warns_of_what_is_odd_about_it(place: str, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = list[vs.Session]()
