@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 
 from volsplat.client.scene.resized import sized
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import LEAST_ZOOM, Scene
 
 Pixels = tuple[int, int]  # width and height
 
@@ -48,6 +48,11 @@ class ImageSize:
 
 
 def scaled(scene: Scene, share: float) -> Scene:
-    """The scene in an image of which each side is about this share as long, at least one pixel."""
+    """The scene in an image of which each side is about this share as long, at least one pixel.
+
+    It is longer where a view of all of a very long volume could not be told as small.
+    """
+    if scene.view.zoom != "fit":
+        share = min(max(share, LEAST_ZOOM / scene.view.zoom), 1.0)
     width, height = (max(1, round(side * share)) for side in (scene.image.width, scene.image.height))
     return sized(scene, width=width, height=height)
