@@ -364,17 +364,17 @@ class VolumeHolding:
         assert self._known is not None
         self._known.counted(message, event.payload, self._voxels_of(event.server))
         self._pending.discard(event.server)
-        if self._pending:
-            return []
-        return self._count() if self._known.narrow() else self._surveyed()
+        return [] if self._pending else self._surveyed()
 
     def _voxels_of(self, server: int) -> int:
         return sum(box.voxels for box in self.boxes[server])
 
     def _surveyed(self) -> list[Instruction]:
         assert self._known is not None
-        self.phase = Phase.SURVEYED
-        self.volume = self._known.volume()
+        volume = self._known.volume()
+        if volume is None:
+            return self._count()
+        self.phase, self.volume = Phase.SURVEYED, volume
         return [PublishVolume(self.volume)]
 
     def _pack(self, packing: Packing) -> list[Instruction]:

@@ -56,21 +56,17 @@ class VolumeSurvey:
         check_extremes(payload[HISTOGRAMS_BYTES:], self.description.geometry.dims)
         self._add(payload)
 
-    def narrow(self) -> bool:
-        """Whether all is to be counted once more, over narrower ranges, once every part is counted."""
-        assert self._survey is not None
-        extremes, told = BlockExtremes(*self._extremes.tolist()), self.description
-        narrower = narrowed(self._survey, self._counts[0].tolist(), extremes, told.scalar_type, told.kind)
-        if narrower is not None:
-            self._survey = narrower
-            self._counts[:] = 0
-        return narrower is not None
-
-    def volume(self) -> SurveyedVolume:
-        """All that is known, once every part is counted."""
+    def volume(self) -> SurveyedVolume | None:
+        """All that is known, once every part is counted. None: all is to be counted once more, over narrower ranges."""
         assert self._survey is not None
         density_counts, strength_counts = self._counts.tolist()
-        extremes = BlockExtremes(*self._extremes.tolist())
+        extremes, told = BlockExtremes(*self._extremes.tolist()), self.description
+        if self.prepared is None:
+            narrower = narrowed(self._survey, density_counts, extremes, told.scalar_type, told.kind)
+            if narrower is not None:
+                self._survey = narrower
+                self._counts[:] = 0
+                return None
         return SurveyedVolume(self.description, self._survey, density_counts, strength_counts, extremes, self.prepared)
 
     def _add(self, payload: memoryview) -> None:
