@@ -16,11 +16,16 @@ def made_folder() -> Path:
         folder = temporary_name(Path(tempfile.gettempdir(), "folder"))
         folder.mkdir(mode=0o700)
     except OSError as error:
-        raise BadInput(
-            f"there can be no temporary folder: {error.strerror or error}; free space there, or set TMPDIR to another "
-            "folder where volsplat runs"
-        ) from error
+        raise no_temporary("folder", error) from error
     return folder
+
+
+def no_temporary(what: str, error: OSError) -> BadInput:
+    """What to raise if what should lie among the system's temporary files cannot be made or written."""
+    return BadInput(
+        f"there can be no temporary {what}: {error.strerror or error}; free space there, or set TMPDIR to another "
+        "folder where volsplat runs"
+    )
 
 
 @contextmanager

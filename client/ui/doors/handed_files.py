@@ -16,8 +16,7 @@ from weakref import WeakKeyDictionary, finalize
 from nicegui import Client, context, ui
 from starlette.responses import FileResponse, PlainTextResponse, Response
 
-from volsplat.client.files.temporary_folder import made_folder
-from volsplat.protocol.text.errors import BadInput
+from volsplat.client.files.temporary_folder import made_folder, no_temporary
 
 FILES_PATH = "/volsplat/files"
 KEPT = 4  # of a tab, so that the browser may go on with one whose line was cut
@@ -61,15 +60,8 @@ def _written(data: bytes, name: str) -> Path:
         path.write_bytes(data)
     except OSError as error:
         shutil.rmtree(path.parent, ignore_errors=True)
-        raise _no_room(error) from error
+        raise no_temporary("file", error) from error
     return path
-
-
-def _no_room(error: OSError) -> BadInput:
-    return BadInput(
-        f"volsplat's temporary folder holds what a browser is to save: {error.strerror or error}; free space there, or "
-        "set TMPDIR to another folder where volsplat runs"
-    )
 
 
 async def handed_file(key: str) -> Response:
