@@ -13,7 +13,7 @@ from volsplat.protocol.rules.index_rules import Quantisation, Survey, physical_g
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError
 
-LIKE_A_FILL_VALUE = 1e300  # +-1.797e308 is in use
+FILL_OF_FLOAT64 = 1e300  # beyond: +-1.797e308 is in use
 
 
 class Histograms(NamedTuple):
@@ -96,7 +96,7 @@ class SubCube:
         greatest = max(abs(low), abs(high)) if low <= high else 0.0
         steepest = 2 * greatest * max(1.0, sum(abs(entry) for entry in self._matrix))
         if not math.isfinite(steepest * steepest):
-            fill = ", or mark as NaN those that stand for no data" if greatest > LIKE_A_FILL_VALUE else ""
+            fill = ", or mark as NaN those that stand for no data" if greatest > FILL_OF_FLOAT64 else ""
             raise BadInput(
                 f"the volume's values reach {greatest:.3g} in size, too far for gradients; divide them by a constant"
                 f"{fill}"
