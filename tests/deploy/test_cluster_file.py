@@ -17,15 +17,7 @@ from volsplat.protocol.wire.addresses import parse_address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.splat_server.command import told_address
 
-WHOLE = """
-name = "lab"
-client = "desk.lab:7000"
-tls = true
-silence = 2.0
-keep = 600
-token-file = "token"
-
-[[machines]]
+NODE1 = """[[machines]]
 launcher = "ssh"
 host = "node1.lab"
 map-shade-servers = 2
@@ -33,7 +25,16 @@ splat-servers = 1
 threads = 8
 memory = "8G"
 data-root = "/scratch/volumes"
-command = "volsplat"
+"""
+WHOLE = f"""
+name = "lab"
+client = "desk.lab:7000"
+tls = true
+silence = 2.0
+keep = 600
+token-file = "token"
+
+{NODE1}command = "volsplat"
 listen = "0.0.0.0:7100"
 advertise = "node1.lab"
 [machines.ssh]
@@ -42,7 +43,8 @@ options = ["-J", "gate.lab"]
 
 
 # Each key with another value than its default.
-EVERY_KEY = """
+EVERY_KEY = (
+    """
 name = "lab"
 client = "desk.lab:7000"
 tls = false
@@ -51,15 +53,9 @@ keep = 900
 token-file = "token"
 log-format = "json"
 
-[[machines]]
-launcher = "ssh"
-host = "node1.lab"
-map-shade-servers = 2
-splat-servers = 1
-threads = 8
-memory = "8G"
-data-root = "/scratch/volumes"
-command = "/opt/volsplat"
+"""
+    + NODE1
+    + """command = "/opt/volsplat"
 listen = "0.0.0.0:7100"
 advertise = "node1.lab"
 metrics = "0.0.0.0:9100"
@@ -87,6 +83,7 @@ launcher = "kubernetes"
 splat-servers = 6
 kubernetes = {namespace = "volumes", image = "volsplat:1", claim = "scans", resources = {memory = "16Gi"}}
 """
+)
 MEANT = Cluster(
     name="lab",
     client="desk.lab:7000",

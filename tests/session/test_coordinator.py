@@ -340,10 +340,15 @@ def joined_anew(servers: Servers, number: int, process: str) -> None:
     servers.describe(number, messages.MachineDescribed(1, threads=1))
 
 
-def test_a_process_that_joins_and_is_lost_again_and_again_gets_no_part_until_others_have_drawn() -> None:
-    servers, causes = Servers(), list[str]()
+def with_one_that_stays() -> Servers:
+    servers = Servers()
     joined_anew(servers, FIRST, "one that stays")
     servers.workers = [FIRST]
+    return servers
+
+
+def test_a_process_that_joins_and_is_lost_again_and_again_gets_no_part_until_others_have_drawn() -> None:
+    servers, causes = with_one_that_stays(), list[str]()
     for number in range(20, 20 + MOST_LOSSES):
         joined_anew(servers, number, "the same")
         assert servers.idle() == [number]
@@ -369,9 +374,7 @@ def test_a_process_that_joins_and_is_lost_again_and_again_gets_no_part_until_oth
 
 
 def test_one_that_had_a_part_in_a_whole_frame_is_as_good_as_new() -> None:
-    servers = Servers()
-    joined_anew(servers, FIRST, "one that stays")
-    servers.workers = [FIRST]
+    servers = with_one_that_stays()
     for number in range(20, 30 + MOST_LOSSES):
         joined_anew(servers, number, "the same")
         assert servers.idle() == [number]
