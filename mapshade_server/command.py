@@ -6,14 +6,14 @@ from typing import Any
 
 import click
 
+from volsplat.mapshade_server.held.memory_budget import MemoryBudget
+from volsplat.mapshade_server.held.memory_promises import MemoryPromises
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.clients import Clients
 from volsplat.program.command_lines import HELP, examples
 from volsplat.program.counts import Counts
-from volsplat.program.memory_budget import MemoryBudget
-from volsplat.program.memory_promises import MemoryPromises
 from volsplat.program.server_process import (
     ServerOptions,
     bytes_option,

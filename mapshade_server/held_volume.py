@@ -10,6 +10,7 @@ from pathlib import Path
 from volsplat.mapshade_server.answers.volume_answers import Answer, Surveyed, check_within, counted, store_described
 from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
+from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.mapshade_server.held.packet_store import is_store
 from volsplat.mapshade_server.held.slabs import PassedBox, slab_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
@@ -24,8 +25,7 @@ from volsplat.mapshade_server.held.volume_identity import (
 from volsplat.mapshade_server.held.wanted_reader import GivenUp, while_wanted
 from volsplat.mapshade_server.parts_ahead import PartsAhead
 from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.program.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
-from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
@@ -113,7 +113,7 @@ class HeldVolume:
         for sub_cube in sub_cubes:
             if sub_cube.geometry.dims != dims:
                 raise BadInput(f"level {level} has {sub_cube.geometry.dims} voxels, not {dims}")
-        if any(high > size for high, size in zip(plan.bounds.high, dims, strict=True)):
+        if not plan.bounds.within(Box((0, 0, 0), dims)):
             raise BadInput(f"the frame's bounds reach to {plan.bounds.high}, but level {level} has {dims} voxels")
         return sub_cubes
 

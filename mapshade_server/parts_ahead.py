@@ -1,15 +1,15 @@
 """Packets that a map/shade server will be asked for, read beside frames: then its sub-cubes change at once."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from volsplat.mapshade_server.answers.volume_answers import check_within
+from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_read
 from volsplat.mapshade_server.held.slabs import slab_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
 from volsplat.mapshade_server.held.wanted_reader import while_wanted
-from volsplat.program.memory_budget import MemoryBudget, bytes_to_read
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.volume_messages import ReadAhead
@@ -82,18 +82,11 @@ class PartsAhead:
         reader = described_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
-        rest = list(_without(request.boxes, [*held, *(cube.box for cube in parts.cubes)]))
+        there = [*held, *(cube.box for cube in parts.cubes)]
+        rest = [part for box in request.boxes for part in box.without(*there)]
         self._budget.take(bytes_to_read(description, rest), held=0, let_go=0)
         slabs = slab_reader(while_wanted(reader, given_up))
         for slab in (slab for box in rest for slab in slabs.slabs(box)):
             slab.sub_cube.pack(request.quantisation)
             parts.cubes.append(slab.sub_cube)
         check_still(request.path, reader, description, request.identity)
-
-
-def _without(boxes: Sequence[Box], held: Sequence[Box]) -> Iterator[Box]:
-    for box in boxes:
-        rest = [box]
-        for other in held:
-            rest = [part for one in rest for part in one.without(other)]
-        yield from rest

@@ -56,7 +56,7 @@ class Surveyed:
 
 def check_within(boxes: Sequence[Box], geometry: Geometry) -> None:
     for box in boxes:
-        if any(high > size for high, size in zip(box.high, geometry.dims, strict=True)):
+        if not box.within(geometry.box):
             raise BadInput(f"box {box.low} to {box.high} reaches beyond the volume of {geometry.dims} voxels")
 
 

@@ -73,11 +73,10 @@ def _sub_cubes(
 
 def _gathered(box: Box, held: Sequence[SubCube], read: Read) -> tuple[Packets, int]:
     packets = np.asarray(memoryview(_kernels.empty_packets(box.size)))
-    rest = [box]
     for cube in held:
         if (common := box.common(cube.box)) is not None:
             packets[common.slices(box.low)] = _array(cube)[common.slices(cube.box.low)]
-            rest = [part for one in rest for part in one.without(common)]
+    rest = box.without(*(cube.box for cube in held))
     for part in rest:
         for place, values in read(part):
             packets[place.slices(box.low)] = values

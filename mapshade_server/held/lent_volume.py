@@ -40,7 +40,7 @@ class LentVolume:
         """A part's values as bytes. Raises BadInput for one that the volume does not have."""
         if part.scalar >= len(self._scalars) or self.scalar_types[part.scalar] != part.scalar_type:
             raise BadInput(f"the volume's scalars are {', '.join(self.scalar_types)}, not {part.scalar_type}")
-        if any(high > size for high, size in zip(part.box.high, self._description.geometry.dims, strict=True)):
+        if not part.box.within(self._description.geometry.box):
             raise BadInput(f"part {part.box.low} to {part.box.high} reaches beyond the volume")
         values = np.ascontiguousarray(self._scalars[part.scalar][part.box.slices()])
         return values.data.cast("B")
@@ -134,9 +134,8 @@ class _Awaited:
         box, whole = part.box, self._whole
         (i, j, k), (ni, nj, nk) = (tuple(box.low[a] - whole.low[a] for a in range(3)), box.size)
         wi, wj, _ = whole.size
-        inside = all(whole.low[a] <= box.low[a] and box.high[a] <= whole.high[a] for a in range(3))
         in_one_piece = (ni, nj) == (wi, wj) or (ni == wi and nk == 1) or nj == nk == 1
-        if not inside or not in_one_piece:
+        if not box.within(whole) or not in_one_piece:
             raise BadInput(f"part {box} of sub-cube {part.sub_cube} was not awaited")
         if (k * wj + j) * wi + i != self._count:
             raise BadInput(

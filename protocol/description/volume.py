@@ -2,6 +2,7 @@
 
 import math
 from functools import lru_cache
+from operator import le
 from typing import NamedTuple
 
 import msgspec
@@ -54,6 +55,10 @@ class Box(NamedTuple):
     def contains(self, index: Index) -> bool:
         return all(low <= at < high for low, at, high in zip(self.low, index, self.high, strict=True))
 
+    def within(self, other: "Box") -> bool:
+        """Whether no voxel of it lies outside the other."""
+        return all(map(le, other.low, self.low)) and all(map(le, self.high, other.high))
+
     def slices(self, origin: Index = (0, 0, 0)) -> tuple[slice, slice, slice]:
         """What to index an array (k, j, i) with that begins at `origin`, to have the box."""
         i, j, k = (slice(low - at, high - at) for low, high, at in zip(*self, origin, strict=True))
@@ -71,8 +76,14 @@ class Box(NamedTuple):
         i1, j1, k1 = map(min, self.high, other.high)
         return Box((i0, j0, k0), (i1, j1, k1)) if i0 < i1 and j0 < j1 and k0 < k1 else None
 
-    def without(self, other: "Box") -> list["Box"]:
-        """What lies not in the other, in as few boxes as that takes: whole sheets, then rows, then samples."""
+    def without(self, *others: "Box") -> list["Box"]:
+        """What lies in none of the others, in as few boxes as each takes: whole sheets, then rows, then samples."""
+        rest = [self]
+        for other in others:
+            rest = [part for box in rest for part in box._without(other)]
+        return rest
+
+    def _without(self, other: "Box") -> list["Box"]:
         if self.common(other) is None:
             return [self]
         rest, parts = self, list[Box]()

@@ -14,8 +14,8 @@ import torch
 from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.program.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
 from volsplat.protocol.description.scene import Image
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
@@ -27,7 +27,7 @@ TOLERANCE = 0.25  # of what is reckoned: the C library keeps pages, and readers 
 PEAK = """
 import sys
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.program.memory_budget import bytes_to_read
+from volsplat.mapshade_server.held.memory_budget import bytes_to_read
 from volsplat.program.peak_memory import peak_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -94,7 +94,7 @@ def test_where_the_machine_has_too_little_left_nothing_is_read(tmp_path: Path, m
     assert isinstance(described, messages.VolumeDescribed)
     box = described.description.geometry.box
     request = messages.ReadSubCubes(assignment=1, path=path, boxes=[box], identity=described.identity, held=True)
-    monkeypatch.setattr("volsplat.program.memory_budget.available_memory", lambda: 1000)
+    monkeypatch.setattr("volsplat.mapshade_server.held.memory_budget.available_memory", lambda: 1000)
     with pytest.raises(BadInput, match="its machine has 0.0 MiB left"):
         held.answers(request)
     assert held.packed_bytes == 0

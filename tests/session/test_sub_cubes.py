@@ -162,9 +162,13 @@ def block_of(voxel: Index, size: Index, grid: Box) -> Box:
 @given(cut=st.randoms(use_true_random=False), cuts=st.integers(0, 6))
 def test_boxes_have_in_common_what_they_are_not_without(cut: Random, cuts: int) -> None:
     grid = Box((0, 0, 0), (9, 8, 7))
-    one, other = cut_at_random(grid, cut, cuts)[0], cut_at_random(grid, cut, cuts)[-1]
+    first, second = cut_at_random(grid, cut, cuts), cut_at_random(grid, cut, cuts)
+    one, other = first[0], second[-1]
     common, rest = one.common(other), one.without(other)
     parts = [*rest, *([common] if common else [])]
     voxels = [voxel for part in parts for voxel in voxels_of(part)]
     assert sorted(voxels) == sorted(voxels_of(one))
     assert set(voxels_of(one)) & set(voxels_of(other)) == set(voxels_of(common) if common else [])
+    assert all(part.within(one) and part.within(grid) for part in parts)
+    assert one.within(other) == (set(voxels_of(one)) <= set(voxels_of(other)))
+    assert sorted(v for part in grid.without(*first[1:]) for v in voxels_of(part)) == sorted(voxels_of(one))

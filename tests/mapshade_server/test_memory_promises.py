@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from support.patience import wait_until
-from volsplat.program import memory_budget
-from volsplat.program.memory_budget import MemoryBudget
-from volsplat.program.memory_promises import MemoryPromises
+from volsplat.mapshade_server.held import memory_budget
+from volsplat.mapshade_server.held.memory_budget import MemoryBudget
+from volsplat.mapshade_server.held.memory_promises import MemoryPromises
 from volsplat.protocol.text.errors import NoRoom
 
 MIB = 1 << 20
@@ -19,8 +19,8 @@ SERVER = """
 import resource
 import sys
 from pathlib import Path
-from volsplat.program.memory_budget import MemoryBudget
-from volsplat.program.memory_promises import MemoryPromises
+from volsplat.mapshade_server.held.memory_budget import MemoryBudget
+from volsplat.mapshade_server.held.memory_promises import MemoryPromises
 budget, taken = MemoryBudget(promises=MemoryPromises(Path(sys.argv[1]))), []
 for line in sys.stdin:
     what, amount = line.split()

@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from volsplat.mapshade_server.held.memory_promises import MemoryPromises
 from volsplat.program.machine_limits import available_memory
-from volsplat.program.memory_promises import MemoryPromises
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
@@ -60,7 +60,7 @@ def bytes_to_change(description: VolumeDescription, boxes: Iterable[Box], held: 
     """Likewise, where what is held is copied, box by box, and the rest read."""
     kept = list(held)
     new = [box for box in boxes if box not in kept]
-    rest = [part for box in new for part in _without(box, kept)]
+    rest = [part for box in new for part in box.without(*kept)]
     reading = max((_source_bytes(description, part) + VOXEL_PACKET_BYTES * part.voxels for part in rest), default=0)
     lists = int(LIST_BYTES * sum(box.voxels for box in new))
     return VOXEL_PACKET_BYTES * sum(box.voxels for box in new) + max(reading, lists)
@@ -75,13 +75,6 @@ def _source_bytes(description: VolumeDescription, box: Box) -> int:
     second = 0 if description.second_scalar is None else box.voxels
     voxels = box.grown(HALO, description.geometry.dims).voxels + second
     return SCALAR_BYTES[description.scalar_type] * voxels
-
-
-def _without(box: Box, held: Iterable[Box]) -> list[Box]:
-    rest = [box]
-    for other in held:
-        rest = [part for one in rest for part in one.without(other)]
-    return rest
 
 
 def _no_room(needed: int, room: str) -> NoRoom:
