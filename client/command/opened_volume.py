@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from importlib import import_module
 from ipaddress import ip_address
 from shlex import quote
+from typing import Any
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.server_options import Servers
 from volsplat.client.session.renderer import Renderer
-from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
+from volsplat.client.session.session import Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.many_imports import many_imports
 from volsplat.program.plain_console import PlainConsole
@@ -92,21 +93,28 @@ def session_of(
     """A session that these servers draw for, if there is a volume; it does not wait for that."""
     return Session(
         volume,
-        workers=servers.workers,
-        splat_servers=servers.splat_servers,
-        threads=servers.threads,
-        listen=servers.listen or ANY_LOOPBACK_PORT,
-        spawn=servers.here,
-        token=servers.token,
+        **_whose(servers),
         memory=servers.memory,
-        silence=servers.silence,
-        tls=servers.tls,
-        cluster=servers.cluster,
         trace=servers.trace,
-        data_root=servers.data_root,
         on_progress=say,
         on_loss=tell_loss,
     )
+
+
+def _whose(servers: Servers) -> dict[str, Any]:
+    """What a session is told of where they come from."""
+    if servers.cluster is not None:
+        return {"cluster": servers.cluster}
+    started = {"threads": servers.threads, "data_root": servers.data_root} if servers.here else {"spawn": False}
+    return {
+        "workers": servers.workers,
+        "splat_servers": servers.splat_servers,
+        "listen": servers.listen,
+        "token": servers.token,
+        "silence": servers.silence,
+        "tls": servers.tls,
+        **started,
+    }
 
 
 def tell_how_to_join(session: Session, servers: Servers, console: PlainConsole) -> None:

@@ -112,6 +112,8 @@ class Servers:
             read_cluster(servers.cluster)
         if servers.single:
             _refuse_given(_OF_SERVERS | {"listen": "--listen"}, "--single starts no servers")
+        if servers.by_hand:
+            _refuse_given({"threads": "--threads"}, "--listen starts no servers, and each is told its own threads")
         return replace(servers, token=_shared_token(given.get("token_file"), makes=servers.listen is not None))
 
     @property

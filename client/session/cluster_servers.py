@@ -16,6 +16,7 @@ from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.tokens import Token
 
 
@@ -26,7 +27,6 @@ class ClusterServers:
         """Brings the cluster up if it is not. `report` gets lines of progress. Raises BadInput."""
         self._running, self._report = RunningCluster(path), report
         self._opened_by = OwnProcess()
-        self.cluster = self._running.cluster
         state = self._running.state()
         self._brought_up = state is None
         if self._brought_up:
@@ -79,16 +79,43 @@ class ClusterServers:
             self._report(str(error))
 
     @property
-    def token(self) -> Token:
-        return self._running.token
+    def workers(self) -> int:
+        return self._started(Program.MAPSHADE_SERVER)
+
+    @property
+    def splat_servers(self) -> int:
+        return self._started(Program.SPLAT_SERVER)
+
+    def _started(self, program: Program) -> int:
+        return sum(one.program is program for one in self._state.servers)
 
     @property
     def listens_at(self) -> Address:
         return self._running.listens_at(self._state)
 
-    def count(self, program: Program) -> int:
-        """How many were started."""
-        return sum(one.program is program for one in self._state.servers)
+    @property
+    def token(self) -> Token:
+        return self._running.token
+
+    @property
+    def silence(self) -> float:
+        return self._running.cluster.silence
+
+    @property
+    def encryption(self) -> Encryption:
+        return self._running.cluster.encryption
+
+    @property
+    def memory(self) -> int | None:
+        return self._running.cluster.memory_bytes
+
+    @property
+    def here(self) -> bool:
+        return False
+
+    @property
+    def replaced(self) -> bool:
+        return True
 
     def volume(self, name: str) -> str:
         return self._running.volume(name)

@@ -16,13 +16,11 @@ import logging
 import threading
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
-from contextlib import nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from volsplat.client.caller.arguments import (
-    checked_address,
     checked_axis,
     checked_bytes,
     checked_count,
@@ -52,7 +50,6 @@ from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_images import AskedImages
-from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.coordination import Coordination
 from volsplat.client.session.renderer import (
     ALL_STEPS,
@@ -61,26 +58,21 @@ from volsplat.client.session.renderer import (
     Refinement,
 )
 from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session.session_servers import asked_servers
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.deploy.server_command import Program
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
-from volsplat.program.this_machine import check_server_count, usable_cores, usual_servers
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
-from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
-from volsplat.protocol.wire.addresses import LOOPBACK, Address
-from volsplat.protocol.wire.encryption import Encryption
-from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
-from volsplat.protocol.wire.tokens import Token, new_token
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.tokens import Token
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -88,8 +80,6 @@ if TYPE_CHECKING:
     from volsplat.client.ui.notebook_widget import VolumeWidget
 
 log = logging.getLogger(__name__)
-
-ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
 
 
 class Session:
@@ -111,8 +101,8 @@ class Session:
     should leave that to another thread.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
-    Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with
-    the script.
+    Raises BadInput for what is none, as all methods do, and the session goes on; also for what would have no effect, as
+    `threads` of servers started by hand or `workers` of a cluster. A session that nobody closes ends with the script.
     """
 
     def __init__(
@@ -120,14 +110,14 @@ class Session:
         volume: str | Path | Any | None,
         *,
         workers: int | None = None,
-        splat_servers: int = 1,
+        splat_servers: int | None = None,
         threads: int | None = None,
-        listen: Address | str = ANY_LOOPBACK_PORT,
+        listen: Address | str | None = None,
         spawn: bool = True,
         token: Token | None = None,
         memory: int | str | None = None,
         held: bool = True,
-        silence: float = SILENCE_SECONDS,
+        silence: float | None = None,
         tls: bool | None = None,
         cluster: str | Path | None = None,
         trace: str | Path | None = None,
@@ -142,23 +132,10 @@ class Session:
         self._shown = (name or "no volume") if self._in_memory is None else self._in_memory.description.name
         if trace is not None and name is not None:
             check_written_apart(name, records=[Path(trace)])
-        listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_bytes(memory, "memory")
-        splat_servers = checked_count(splat_servers, "splat_servers")
-        silence = min(checked_number(silence, "silence", least=LEAST_SILENCE), MOST_SILENCE)
-        encryption = Encryption.of(tls)
-        workers = usual_servers() if workers is None else checked_count(workers, "workers")
-        threads = usable_cores() if threads is None else checked_count(threads, "threads")
-        self._cluster = None if cluster is None else ClusterServers(Path(cluster), on_progress)
-        if self._cluster is not None:
-            of, spawn = self._cluster.cluster, False
-            token, listen = self._cluster.token, self._cluster.listens_at
-            workers, splat_servers = map(self._cluster.count, (Program.MAPSHADE_SERVER, Program.SPLAT_SERVER))
-            silence = of.silence
-            memory = memory or of.memory_bytes
-            encryption = of.encryption
-        if spawn:
-            check_server_count(workers + splat_servers)
+        self._servers = asked_servers(
+            workers, splat_servers, threads, listen, spawn, token, silence, tls, cluster, data_root, on_progress
+        )
         self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._coordination = Coordination(self._tracer, on_progress, on_loss)
         self.counts = Counts()  # what was done, and lost
@@ -167,34 +144,30 @@ class Session:
         self._closed = False
         self._closing = threading.RLock()  # guards _closed, until nothing is left
 
-        with self._cluster.beginning() if self._cluster is not None else nullcontext():
+        with self._servers.beginning():
             self._links = ServerLinks(
-                listen,
-                token or new_token(),
+                self._servers.listens_at,
+                self._servers.token,
                 self._coordination.tell,
                 newest_frame=lambda: self._coordination.frames.newest,
-                silence=silence,
-                encryption=encryption,
-                replaces=self._cluster is not None,
+                silence=self._servers.silence,
+                encryption=self._servers.encryption,
+                replaces=self._servers.replaced,
                 tracer=self._tracer,
                 counts=self.counts,
             )
         self._coordination.begin(self._links)
         self._images = AskedImages(self._coordination, self._links.session, self.counts, self._tracer)
         atexit.register(self.close)  # a script may forget to
-        self._spawns = spawn
         self.path: str | None = None  # of the volume, if it has one that holds here and not only where its servers are
         try:
-            if self._cluster is not None:
-                self._cluster.join(self._links)
-            if spawn:
-                self._links.start(workers, splat_servers, threads, None if data_root is None else str(data_root))
+            self._servers.join(self._links)
             if name is not None:
-                seen = self._as_servers_see(name)
-                if self._in_memory is None and (spawn or Path(seen).is_absolute()):
+                seen = self._servers.volume(name)
+                if self._in_memory is None and (self._servers.here or Path(seen).is_absolute()):
                     self.path = seen
-                asked = VolumeAsked(seen, workers, splat_servers, memory, held)
-                self._coordination.tell(asked)
+                workers, splat_servers = self._servers.workers, self._servers.splat_servers
+                self._coordination.tell(VolumeAsked(seen, workers, splat_servers, memory or self._servers.memory, held))
         except BaseException:
             self.close()
             raise
@@ -351,7 +324,7 @@ class Session:
         Raises BadInput if there is no such folder, or it cannot be read, and PeerLost if no server is there to look.
         """
         self._opened_by.check()
-        seen = self._as_servers_see(checked_volume(root))
+        seen = self._servers.volume(checked_volume(root))
         if self._has_volume:
             self.volume  # noqa: B018  until it is known there may be no server
         found = self._coordination.ask(lambda number: FolderAsked(number, seen, folder, words)).result()
@@ -401,21 +374,13 @@ class Session:
         if not self._has_volume:
             raise BadInput("this session has no volume, of which it could tell or draw; open one that has")
 
-    def _as_servers_see(self, name: str) -> str:
-        """The name of a file or folder as it is told to them."""
-        if self._cluster is not None:
-            return self._cluster.volume(name)
-        return absolute_name(name) if self._spawns else name
-
     def _close(self, another: bool) -> None:
         atexit.unregister(self.close)
-        if self._cluster is not None:
-            self._cluster.close()
+        self._servers.close()
         self._links.take_no_more()  # resident servers look for the next client at once
         self._coordination.end(another)
         self._links.close()
-        if self._cluster is not None:
-            self._cluster.release()
+        self._servers.release()
         self._coordination.fail(PeerLost("the session is closed"))
         if self._tracer is not None:
             self._tracer.close()

@@ -170,6 +170,7 @@ BAD_OPTIONS = {
     "steps below a file": (["--steps-dir", "/dev/null/steps"], "--steps-dir"),
     "servers of one process": (["-o", "a.png", "--single", "--workers", "2"], "leave out --workers"),
     "threads of others": (["-o", "a.png", "--cluster", "lab.toml", "--threads", "2"], "leave out --threads"),
+    "threads of nobody": (["-o", "a.png", "--listen", "127.0.0.1:0", "--threads", "2"], "leave out --threads"),
     "token file missing": (["-o", "a.png", "--token-file", "none"], "token"),
 }
 

@@ -183,6 +183,10 @@ def test_steps_points_and_intervals_may_be_other_libraries_too(renderer: Rendere
         ({"memory": "2X"}, "memory 2X: give a size such as 800M or 4G"),
         ({"listen": 7411}, "listen must be an Address or HOST:PORT"),
         ({"listen": "nowhere"}, "HOST:PORT"),
+        ({"spawn": False, "threads": 2}, "starts no servers that it would hold for; leave out threads"),
+        ({"spawn": False, "data_root": "."}, "leave out data_root"),
+        ({"cluster": "lab.toml", "workers": 8, "tls": False}, "the cluster file says this .*; leave out tls and workers"),
+        ({"cluster": "lab.toml", "data_root": "."}, "leave out data_root"),
     ],
 )
 def test_a_session_for_nothing_is_refused_before_anything_starts(head: Path, arguments: Any, told: str) -> None:
