@@ -1,8 +1,6 @@
 """The cluster file: which machines there are, how many servers each runs, and by what they are started."""
 
-import json
 import re
-import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from ipaddress import ip_address
@@ -18,6 +16,15 @@ from volsplat.program.command_lines import LONGEST_WAIT
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import meant
+from volsplat.protocol.text.toml_tables import (
+    Complaint,
+    complaint_of,
+    shown_place,
+    shown_value,
+    toml_tables,
+    value_at,
+)
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.encryption import Encryption
 
@@ -28,10 +35,6 @@ BY_HAND = {"kubernetes", "manual"}  # people start and end their servers: no com
 Count = Annotated[int, Meta(ge=0, le=1000)]
 Text = Annotated[str, Meta(min_length=1, max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"\A[A-Za-z0-9][A-Za-z0-9._-]*\Z")]
-
-_PLACE = re.compile(r"^(.*) - at `(?:key in )?\$\.?(.*)`$", re.DOTALL)
-_SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
-_SHOWN = 60  # characters of a value
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab", forbid_unknown_fields=True):
@@ -142,29 +145,13 @@ def read_cluster_text(path: Path) -> str:
 
 def cluster_from_toml(text: str, name: str) -> Cluster:
     """As read_cluster, from TOML text; `name` stands before every message."""
-    given = _parsed(text, name)
+    given = toml_tables(text, name)
     try:
         cluster = msgspec.convert(given, Cluster)
     except msgspec.ValidationError as error:
-        raise BadInput(_told(name, str(error), given)) from error
+        raise BadInput(_told(name, complaint_of(error), given)) from error
     _check(cluster, name)
     return cluster
-
-
-def _parsed(text: str, name: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        place = _SYNTAX_PLACE.search(str(error))
-        where = f":{place[1]}:{place[2]}" if place else ""
-        what = str(error)[: place.start()] if place else str(error)
-        raise BadInput(f"{name}{where}: this is not TOML: {what}; put it right there") from error
-    except ValueError as error:  # an integer of more than 4300 digits, an impossible date
-        raise BadInput(f"{name}: this is not TOML: {error}; put it right") from error
-    except RecursionError as error:
-        raise BadInput(
-            f"{name}: its arrays or tables are nested too deeply; a cluster file has [[machines]]"
-        ) from error
 
 
 def _check(cluster: Cluster, name: str) -> None:
@@ -191,7 +178,9 @@ def _check(cluster: Cluster, name: str) -> None:
         if machine.launcher == "ssh" and machine.host is None:
             raise BadInput(f'{place}.host: the launcher ssh needs to know where; add host = "NAME"')
         if machine.host is not None and (machine.host.startswith("-") or " " in machine.host):
-            raise BadInput(f"{place}.host: {_shown(machine.host)} is no name of a machine; give it as ssh knows it")
+            raise BadInput(
+                f"{place}.host: {shown_value(machine.host)} is no name of a machine; give it as ssh knows it"
+            )
         if servers == 0:
             raise BadInput(f"{place}: runs no server; give map-shade-servers or splat-servers, or leave it out")
     _check_tunnels(cluster, name)
@@ -246,38 +235,26 @@ def _checked(place: str, text: str | None, parse: Callable[[str], object]) -> No
             raise BadInput(f"{place}: {error}") from error
 
 
-def _told(name: str, problem: str, given: dict[str, Any]) -> str:
-    match = _PLACE.match(problem)
-    what, place = (match[1], match[2]) if match else (problem, "")
+def _told(name: str, complaint: Complaint, given: dict[str, Any]) -> str:
+    what, place = complaint
     if (key := re.search(r"(unknown field|missing required field) `(.*)`", what)) is not None:
         lies = f"{place}.{key[2]}" if place else key[2]
         if key[1].startswith("missing"):
             return f"{name}: {lies}: this key is missing; add it"
-        return f"{name}: {_printed(lies)}: unknown key; {_suggestion(key[2], place)}"
-    return f"{name}: {_printed(place) or 'the file'}: {_cause(what, place, _found(given, place))}"
+        return f"{name}: {shown_place(lies)}: unknown key; {_suggestion(key[2], place)}"
+    return f"{name}: {shown_place(place) or 'the file'}: {_cause(what, place, value_at(given, place))}"
 
 
 def _cause(what: str, place: str, value: Any) -> str:
     if what.startswith("Invalid enum value"):
         choices = get_args(LauncherName if place.endswith("launcher") else LogFormat)
-        return f"{_shown(value)} is none; choose from {', '.join(choices)}"
-    return f"{_shown(value)} cannot be used: {what[0].lower()}{what[1:]}; give another"
-
-
-def _found(given: dict[str, Any], place: str) -> Any:
-    """The value that lies there, as far as the place leads."""
-    value: Any = given
-    for part in re.findall(r"[^.\[\]]+", place):
-        if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
-            value = value[int(part)]
-        elif isinstance(value, dict) and part in value:
-            value = value[part]
-    return value
+        return f"{shown_value(value)} is none; choose from {', '.join(choices)}"
+    return f"{shown_value(value)} cannot be used: {what[0].lower()}{what[1:]}; give another"
 
 
 def _suggestion(key: str, place: str) -> str:
-    kind = _table_at(place)
-    return f"{'a cluster file' if not place else _printed(place)} has {', '.join(kind.__struct_encode_fields__)}"
+    known = _table_at(place).__struct_encode_fields__
+    return meant(key, known, f"{shown_place(place) or 'a cluster file'} has {', '.join(known)}")
 
 
 def _table_at(place: str) -> type[msgspec.Struct]:
@@ -285,15 +262,3 @@ def _table_at(place: str) -> type[msgspec.Struct]:
         "ssh": SshKeys, "dask": DaskKeys, "slurm": SlurmKeys, "kubernetes": KubernetesKeys
     }  # fmt: skip
     return tables.get(place.rpartition(".")[2], Machine if place else Cluster)
-
-
-def _printed(place: str) -> str:
-    return place if place.isprintable() else json.dumps(place)
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = repr(value)
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "a number of thousands of digits"
-    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

@@ -5,16 +5,15 @@ are Python's own, as they will come out of a message on the servers' side.
 """
 
 import math
-import operator
 import os
 from collections.abc import Iterable
 from enum import StrEnum
-from numbers import Real
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
 import msgspec
 
+from volsplat.protocol.description.python_values import python_value
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.levels import Thinning
@@ -70,7 +69,7 @@ def checked_thinning(thinning: Thinning, name: str = "thinning") -> Thinning:
 
 def checked_number(value: float, name: str, least: float | None = None) -> float:
     """A number; neither NaN nor below `least` if that is set. Raises BadInput."""
-    number = _own(value)
+    number = python_value(value)
     if isinstance(number, bool) or not isinstance(number, int | float):
         raise BadInput(f"{name} must be a number, not {_shown(value)}")
     try:
@@ -84,7 +83,7 @@ def checked_number(value: float, name: str, least: float | None = None) -> float
 
 def checked_count(value: int, name: str) -> int:
     """A whole number from 1 on. Raises BadInput."""
-    number = _own(value)
+    number = python_value(value)
     if not _is_whole(number):
         raise BadInput(f"{name} must be a whole number, not {_shown(value)}")
     if number < 1:
@@ -94,8 +93,8 @@ def checked_count(value: int, name: str) -> int:
 
 def checked_index(index: Any, name: str = "index") -> Index:
     """The three indices of a voxel. Raises BadInput."""
-    own = _own(index)
-    parts = [_own(part) for part in own] if isinstance(own, list | tuple) else []
+    own = python_value(index)
+    parts = [python_value(part) for part in own] if isinstance(own, list | tuple) else []
     if len(parts) != 3 or not all(map(_is_whole, parts)):
         raise BadInput(f"{name} must be three whole numbers (i, j, k), not {_shown(index)}")
     i, j, k = parts
@@ -111,7 +110,7 @@ def checked_axis(value: str, name: str = "axis") -> int:
 
 def checked_place(value: int, name: str) -> int:
     """A whole number from 0 on. Raises BadInput."""
-    number = _own(value)
+    number = python_value(value)
     if not _is_whole(number) or number < 0:
         raise BadInput(f"{name} must be a whole number from 0 on, not {_shown(value)}")
     return number
@@ -139,7 +138,7 @@ def checked_address(address: Address | str, name: str) -> Address:
     if isinstance(address, str):
         return parse_address(address)
     match address:
-        case (str() as host, port) if isinstance(number := _own(port), int) and 0 <= number <= 65535:
+        case (str() as host, port) if isinstance(number := python_value(port), int) and 0 <= number <= 65535:
             return Address(host, number)
     raise BadInput(f"{name} must be an Address or HOST:PORT, not {_shown(address)}")
 
@@ -155,26 +154,9 @@ def _is_whole(own: Any) -> TypeGuard[int]:
     return isinstance(own, int) and not isinstance(own, bool)
 
 
-def _own(value: Any) -> Any:
-    """The value as Python's own number, text or list if it is another library's; else itself."""
-    for own in (bool, int, float, str):
-        if type(value) is own:
-            return value
-    if hasattr(value, "tolist"):  # numpy's and torch's scalars and arrays
-        try:
-            return value.tolist()
-        except (TypeError, ValueError, RuntimeError):  # of a tensor that has no values
-            return value
-    if isinstance(value, str):
-        return str.__str__(value)
-    if hasattr(value, "__index__"):
-        return operator.index(value)
-    return float(value) if isinstance(value, Real) else value
-
-
 def _plain(value: Any) -> Any:
     """For msgspec: what it does not know. Raises TypeError."""
-    plain = _own(value)
+    plain = python_value(value)
     if plain is value:
         raise TypeError(f"{_shown(value)} is neither a number nor a word")
     return plain

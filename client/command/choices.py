@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from volsplat.client.caller.meant import meant
+from volsplat.protocol.text.meant import meant
 
 
 class Words(click.Choice[str]):

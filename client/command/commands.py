@@ -15,13 +15,13 @@ import click
 from click.shell_completion import CompletionItem
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.caller.meant import meant
 from volsplat.deploy.server_command import Program
 from volsplat.program.command_lines import HELP
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
 from volsplat.program.many_imports import many_imports
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import meant
 
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
 # With one of these a command starts no servers.

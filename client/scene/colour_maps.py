@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.program.extras import need
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import meant
 
 COLLECTIONS = {"cmr.": "cmasher", "cet_": "colorcet"}  # by the beginnings of their maps' names
 
@@ -54,9 +54,8 @@ def _named(name: str) -> Any:
         if name.startswith(start):
             _add_maps_of(library, f"the colour map {name}")
     if name not in matplotlib.colormaps:
-        near = difflib.get_close_matches(name, list(matplotlib.colormaps), 1)
-        hint = f"; did you mean {near[0]}?" if near else "; matplotlib.colormaps lists them"
-        raise BadInput(f"there is no colour map {name}{hint}")
+        cure = meant(name, list(matplotlib.colormaps), "matplotlib.colormaps lists them")
+        raise BadInput(f"there is no colour map {name}; {cure}")
     return matplotlib.colormaps[name]
 
 

@@ -6,7 +6,6 @@ from functools import partial
 
 import msgspec
 
-from volsplat.client.caller.meant import meant
 from volsplat.client.histogram.density_histogram import landmarks, zero_position
 from volsplat.client.histogram.subject import Subject, histogram_of
 from volsplat.client.scene.ct_scenes import (
@@ -27,6 +26,7 @@ from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Tables, View
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import meant
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,7 @@
 """Scenes as TOML files: read strictly over a base scene, written complete and with comments."""
 
-import difflib
 import json
-import re
 import textwrap
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +14,19 @@ from volsplat.protocol.description.scene_key import Part, Section, declarations
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
 from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import meant
+from volsplat.protocol.text.toml_tables import (
+    Complaint,
+    complaint_of,
+    shown_place,
+    shown_value,
+    toml_tables,
+    value_at,
+)
 
 LONGEST_FILE = 4 << 20  # bytes; a scene has some thousands
 _COMMENT_WIDTH = 110
 _COLOUR_TABLES = ("emit", "refl")
-_SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
-_VALUE_PLACE = re.compile(r"^(.*) - at `\$\.?(.*)`$", re.DOTALL)
-_SHOWN_VALUE = 60  # characters of a refused value that are shown
 
 
 def read_scene_file(path: Path, base: Scene) -> Scene:
@@ -49,21 +52,14 @@ def scene_from_bytes(content: bytes, base: Scene, name: str) -> Scene:
 
 def scene_from_toml(text: str, base: Scene, name: str) -> Scene:
     """As scene_from_bytes, from TOML text."""
-    try:
-        given = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(_syntax_message(name, str(error))) from error
-    except ValueError as error:  # an integer of more than 4300 digits, an impossible date
-        raise BadInput(f"{name}: {error}") from error
-    except RecursionError as error:
-        raise BadInput(f"{name}: not a scene: its arrays or tables are nested too deeply") from error
+    given = toml_tables(text, name)
     _refuse_unknown_keys(name, given, Scene, "")
     _read_hex_colours(name, given)
     merged = _merged(msgspec.to_builtins(base), given)
     try:
         return msgspec.convert(merged, Scene)
     except msgspec.ValidationError as error:
-        raise BadInput(_value_message(name, str(error), merged)) from error
+        raise BadInput(_value_message(name, complaint_of(error), merged)) from error
 
 
 def scene_toml(scene: Scene, title: str = "A volsplat scene") -> str:
@@ -131,37 +127,25 @@ def _toml_colour(colour: tuple[float, float, float]) -> str:
     return f'"{text}"' if text else "[" + ", ".join(repr(channel) for channel in colour) + "]"
 
 
-def _syntax_message(name: str, problem: str) -> str:
-    place = _SYNTAX_PLACE.search(problem)
-    if not place:
-        return f"{name}: {problem}"
-    return f"{name}:{place[1]}:{place[2]}: {problem[: place.start()]}"
-
-
 def _refuse_unknown_keys(name: str, given: dict[str, Any], kind: type[Part], section: str) -> None:
     known = {declared.name: declared for declared in declarations(kind)}
     for key, value in given.items():
         place = f"{section}.{key}" if section else key
         if key not in known:
-            raise BadInput(f"{name}: {_shown_key(place)}: unknown key; {_suggestion(key, section, list(known))}")
+            raise BadInput(f"{name}: {shown_place(place)}: unknown key; {_suggestion(key, section, list(known))}")
         if isinstance(known[key].key, Section):
             if not isinstance(value, dict):
-                raise BadInput(f"{name}: {place}: must be a table of keys, [{place}], not {_shown(value)}")
+                raise BadInput(f"{name}: {place}: must be a table of keys, [{place}], not {shown_value(value)}")
             _refuse_unknown_keys(name, value, known[key].kind, place)
 
 
-def _shown_key(place: str) -> str:
-    return place if place.isprintable() else json.dumps(place)
-
-
 def _suggestion(key: str, section: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(key, known, n=1)
-    if near:
-        return f"did you mean '{near[0]}'?"
     elsewhere = [place for place, known_key in KEYS.items() if known_key.name == key]
     if elsewhere:
-        return f"did you mean {' or '.join(elsewhere)}?"
-    return f"{'[' + section + ']' if section else 'a scene'} has {', '.join(known)}"
+        otherwise = f"did you mean {' or '.join(elsewhere)}?"
+    else:
+        otherwise = f"{'[' + section + ']' if section else 'a scene'} has {', '.join(known)}"
+    return meant(key, known, otherwise)
 
 
 def _read_hex_colours(name: str, given: dict[str, Any]) -> None:
@@ -200,38 +184,17 @@ def _merged(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _value_message(name: str, problem: str, merged: dict[str, Any]) -> str:
-    match = _VALUE_PLACE.match(problem)
-    if not match:
-        return f"{name}: {problem}"
-    what, place = match[1], match[2]
+def _value_message(name: str, complaint: Complaint, merged: dict[str, Any]) -> str:
+    what, place = complaint
+    if not place:
+        return f"{name}: {what}"
     key = place.partition("[")[0]
     if key == "plane.patches" and " of a patch " in what:
         return f"{name}: {place}: {what}"
     if key in KEYS:
-        return f"{name}: {place}: {_shown(_found(merged, place))} cannot be used; allowed: {KEYS[key].allowed}"
+        return f"{name}: {place}: {shown_value(value_at(merged, place))} cannot be used; allowed: {KEYS[key].allowed}"
     # The struct's own check, which opens with the name of the key if it concerns one.
     first = what.partition(" ")[0]
     if f"{place}.{first}" in KEYS:
         return f"{name}: {place}.{first}:{what[len(first) :]}"
     return f"{name}: {place}: {what}"
-
-
-def _found(merged: dict[str, Any], place: str) -> Any:
-    value: Any = merged
-    for part in re.findall(r"[^.\[\]]+", place):
-        if isinstance(value, (list, tuple)) and part.isdecimal():
-            value = value[int(part)]
-        elif isinstance(value, dict) and part in value:
-            value = value[part]
-    return value
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    try:
-        text = repr(value)
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "a number of thousands of digits"
-    return text if len(text) <= _SHOWN_VALUE else text[:_SHOWN_VALUE] + "..."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -11,11 +10,13 @@ import msgspec
 
 from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.patches import Patch
+from volsplat.protocol.description.python_values import python_value
 from volsplat.protocol.description.scene import Bounds, Colour, ColourTable, ScalarTable, Scene
 from volsplat.protocol.description.scene_key import Part
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, Quaternion, named_view, rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import meant
 
 _COUNT = Counter(key.name for key in KEYS.values())
 _NAMED = {key.name: key for key in KEYS.values() if _COUNT[key.name] == 1}
@@ -42,8 +43,7 @@ def _change_of(name: str) -> Callable[[Scene, Any], Scene]:
     if name in _NAMED:
         return lambda scene, value: _put_key(scene, _NAMED[name], value)
     known = [*_OWN, *_TABLES, *_NAMED, *(place for place in SECTIONS if place and "." not in place)]
-    near = difflib.get_close_matches(name, known, 1)
-    cure = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}"
+    cure = meant(name, known, f"it has {', '.join(known)}")
     raise BadInput(f"a scene has no {name}; {cure}")
 
 
@@ -118,10 +118,9 @@ def _colour(value: Any) -> Colour:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers and arrays of numpy and torch as Python's own, also within lists."""
-    if isinstance(value, list | tuple):
-        return tuple(map(_plain, value))
-    return value.tolist() if hasattr(value, "tolist") else value
+    """As Python's own, also within lists."""
+    own = python_value(value)
+    return tuple(map(_plain, own)) if isinstance(own, list | tuple) else own
 
 
 def _allowed(name: str) -> str:

@@ -11,7 +11,6 @@ import pytest
 
 import volsplat as vs
 from support.programs.programs import Person
-from volsplat.client.caller.meant import nearest
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom
@@ -21,6 +20,7 @@ from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Kernel, Quantise, Scene, Step
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.meant import nearest
 
 NOTHING: dict[str, Any] = {"scene": None, "preset": "ct-bone", "put": (), "fit": None}
 

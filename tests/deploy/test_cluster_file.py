@@ -161,7 +161,11 @@ def test_what_a_file_says_is_told_as_numbers_and_addresses() -> None:
         ('launcher = "ssh"', 'launcher = "rsh"', "machines[0].launcher: 'rsh' is none; choose from local, ssh"),
         ('name = "lab"', 'name = "lab"\nlog-format = "xml"', "log-format: 'xml' is none; choose from text, json"),
         ("map-shade-servers = 2", "map-shade-servers = -1", "machines[0].map-shade-servers: -1 cannot be used"),
-        ("map-shade-servers = 2", "map-shade-serves = 2", "machines[0].map-shade-serves: unknown key"),
+        (
+            "map-shade-servers = 2",
+            "map-shade-serves = 2",
+            "map-shade-serves: unknown key; did you mean map-shade-servers?",
+        ),
         ("splat-servers = 1", "", "splat-servers: no machine runs any"),
         ('host = "node1.lab"', "", "machines[0].host: the launcher ssh needs to know where"),
         ('host = "node1.lab"', 'host = "-oProxyCommand=x"', "is no name of a machine"),
@@ -183,8 +187,8 @@ def test_what_a_file_says_is_told_as_numbers_and_addresses() -> None:
         ('name = "lab"', "", "name: this key is missing"),
         (
             'options = ["-J", "gate.lab"]',
-            "option = 1",
-            "machines[0].ssh.option: unknown key; machines[0].ssh has options",
+            "jump = 1",
+            "machines[0].ssh.jump: unknown key; machines[0].ssh has options",
         ),
     ],
 )

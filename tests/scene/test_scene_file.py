@@ -94,9 +94,9 @@ def test_colours_may_be_hexadecimal_or_numbers() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[view]\nzooom = 2", "view.zooom: unknown key; did you mean 'zoom'?"),
+        ("[view]\nzooom = 2", "view.zooom: unknown key; did you mean zoom?"),
         ("zoom = 2", "zoom: unknown key; did you mean view.zoom?"),
-        ("[viev]\nzoom = 2", "viev: unknown key; did you mean 'view'?"),
+        ("[viev]\nzoom = 2", "viev: unknown key; did you mean view?"),
         ("xyzzy = 2", "xyzzy: unknown key; a scene has tables, cross_bar, "),
         ("[light]\nxyzzy = 2", "light.xyzzy: unknown key; [light] has direction, fixed_to"),
         ("view = 3", "view: must be a table of keys, [view], not 3"),

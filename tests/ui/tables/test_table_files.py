@@ -55,7 +55,7 @@ def test_a_table_may_become_another_of_its_kind(saved: str, wanted: str) -> None
         ("[tables.opac]\npoint = [[0, 1]]", "opac", "t.toml: tables.opac.point: unknown key"),
         ("[tables.emit]\npoints = [[0, 'reddish']]", "emit", "t.toml: tables.emit.points.*'reddish' is not a colour"),
         ("tables = 1", "opac", "t.toml: tables: must be a table of keys"),
-        ("[[", "opac", "t.toml: Invalid"),
+        ("[[", "opac", "t.toml: this is not TOML: Invalid"),
     ],
 )
 def test_what_holds_no_table_is_told_in_one_line(text: str, which: str, told: str) -> None:

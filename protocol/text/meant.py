@@ -4,10 +4,10 @@ import difflib
 from collections.abc import Sequence
 
 
-def meant(given: str, words: Sequence[str]) -> str:
-    """Which of the words was likely meant, or all of them."""
+def meant(given: str, words: Sequence[str], otherwise: str = "") -> str:
+    """Which of the words was likely meant; else what is said `otherwise`, or all of them."""
     near = nearest(given, words)
-    return f"did you mean {near}?" if near else f"choose from {', '.join(words)}"
+    return f"did you mean {near}?" if near else otherwise or f"choose from {', '.join(words)}"
 
 
 def nearest(given: str, words: Sequence[str]) -> str | None:
