@@ -22,7 +22,7 @@ from volsplat.mapshade_server.held.volume_identity import (
     identified_store,
     identified_volume,
 )
-from volsplat.mapshade_server.held.wanted_reader import GivenUp, while_wanted
+from volsplat.mapshade_server.held.wanted_reader import GivenUp, WantedReader
 from volsplat.mapshade_server.parts_ahead import PartsAhead
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.protocol.description.volume import Box, Geometry
@@ -274,7 +274,7 @@ class HeldVolume:
         self._ahead.drop()
 
     def _while_wanted(self, reader: VolumeReader, assignment: int) -> VolumeReader:
-        return while_wanted(reader, lambda: self.superseded(assignment))
+        return WantedReader(reader, lambda: self.superseded(assignment))
 
     def _packed_as(self, identity: VolumeIdentity, quantisation: Quantisation) -> list[SubCube]:
         """The sub-cubes that are held, if they are of this volume by these rules."""

@@ -9,7 +9,7 @@ from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_r
 from volsplat.mapshade_server.held.slabs import slab_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
-from volsplat.mapshade_server.held.wanted_reader import while_wanted
+from volsplat.mapshade_server.held.wanted_reader import WantedReader
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.volume_messages import ReadAhead
@@ -85,7 +85,7 @@ class PartsAhead:
         there = [*held, *(cube.box for cube in parts.cubes)]
         rest = [part for box in request.boxes for part in box.without(*there)]
         self._budget.take(bytes_to_read(description, rest), held=0, let_go=0)
-        slabs = slab_reader(while_wanted(reader, given_up))
+        slabs = slab_reader(WantedReader(reader, given_up))
         for slab in (slab for box in rest for slab in slabs.slabs(box)):
             slab.sub_cube.pack(request.quantisation)
             parts.cubes.append(slab.sub_cube)

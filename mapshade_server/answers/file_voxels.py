@@ -9,12 +9,7 @@ from typing import Any
 
 from volsplat.mapshade_server.answers.volume_answers import Answer, check_within
 from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import (
-    OpenedVolume,
-    SecondScalarReader,
-    VolumeReader,
-    Voxels,
-)
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, read_scalars
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Index, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
@@ -95,12 +90,7 @@ def _bytes_of(description: VolumeDescription, voxels: int) -> int:
 
 def _scalars(opened: _Opened, description: VolumeDescription, voxel: Box) -> list[Voxels]:
     if description.reads_sub_cubes:
-        return _read(opened.reader, voxel)
+        return read_scalars(opened.reader, voxel)
     if opened.whole is None:
-        opened.whole = _read(opened.reader, description.geometry.box)
+        opened.whole = read_scalars(opened.reader, description.geometry.box)
     return [scalar[voxel.slices()] for scalar in opened.whole]
-
-
-def _read(reader: VolumeReader, box: Box) -> list[Voxels]:
-    second = [reader.read_second(box)] if isinstance(reader, SecondScalarReader) else []
-    return [reader.read(box), *second]

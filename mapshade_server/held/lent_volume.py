@@ -1,13 +1,14 @@
 """Files that only come whole: one server lends the volume that it has read, the others await their sub-cubes' parts."""
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, read_scalars
 from volsplat.protocol.description.volume import HALO, Box, VolumeDescription
 from volsplat.protocol.messages.messages import AwaitParts, Part, ScalarType
 from volsplat.protocol.text.errors import BadInput
@@ -16,9 +17,9 @@ from volsplat.protocol.text.errors import BadInput
 class LentVolume:
     """Reads like the file that it was read from. What it gives are copies: they do not keep it in memory."""
 
-    def __init__(self, description: VolumeDescription, values: Voxels) -> None:
+    def __init__(self, description: VolumeDescription, scalars: list[Voxels]) -> None:
         self._description = description
-        self._scalars: list[Voxels] = [values]
+        self._scalars = scalars
 
     @property
     def scalar_types(self) -> list[ScalarType]:
@@ -34,7 +35,11 @@ class LentVolume:
         return self._description
 
     def read(self, box: Box) -> Voxels:
-        return self._scalars[0][box.slices()].copy()
+        return self._read(0, box)
+
+    @property
+    def read_second(self) -> ReadBox | None:
+        return partial(self._read, 1) if len(self._scalars) > 1 else None
 
     def part(self, part: Part) -> memoryview:
         """A part's values as bytes. Raises BadInput for one that the volume does not have."""
@@ -45,25 +50,14 @@ class LentVolume:
         values = np.ascontiguousarray(self._scalars[part.scalar][part.box.slices()])
         return values.data.cast("B")
 
-
-class LentTwoScalars(LentVolume):
-    """A lent volume that has a second scalar."""
-
-    def __init__(self, description: VolumeDescription, values: Voxels, second: Voxels) -> None:
-        super().__init__(description, values)
-        self._scalars.append(second)
-
-    def read_second(self, box: Box) -> Voxels:
-        return self._scalars[1][box.slices()].copy()
+    def _read(self, scalar: int, box: Box) -> Voxels:
+        return self._scalars[scalar][box.slices()].copy()
 
 
 def lent(reader: VolumeReader) -> LentVolume:
     """Read the whole of a volume. Raises BadInput if the file turns out to be unusable."""
     description = reader.describe()
-    values = reader.read(description.geometry.box)
-    if isinstance(reader, SecondScalarReader):
-        return LentTwoScalars(description, values, reader.read_second(description.geometry.box))
-    return LentVolume(description, values)
+    return LentVolume(description, read_scalars(reader, description.geometry.box))
 
 
 class AwaitedParts:

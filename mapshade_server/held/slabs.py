@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from volsplat.mapshade_server.held.sub_cube import Histograms, SubCube
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, Geometry, Index
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
@@ -88,9 +88,13 @@ class SlabReader:
 def slab_reader(reader: VolumeReader) -> SlabReader:
     """That of an opened volume."""
     described = reader.describe()
-    second = reader.read_second if isinstance(reader, SecondScalarReader) else None
     return SlabReader(
-        described.geometry, described.scalar_type, described.chunk, reader.read, second, described.second_scalar
+        described.geometry,
+        described.scalar_type,
+        described.chunk,
+        reader.read,
+        reader.read_second,
+        described.second_scalar,
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation, Survey, physical_gradient
@@ -68,7 +68,7 @@ class SubCube:
     def read(self, reader: VolumeReader) -> None:
         """Read the box and its halo. Raises BadInput if the file turns out to be unusable."""
         source = reader.read(self.box.grown(HALO, self.geometry.dims))
-        self.hold(source, reader.read_second(self.box) if isinstance(reader, SecondScalarReader) else None)
+        self.hold(source, None if reader.read_second is None else reader.read_second(self.box))
 
     def hold(self, source: Any, second: Any = None) -> None:
         """Take the values of the box and its halo, shaped (k, j, i), of any integer or float type.

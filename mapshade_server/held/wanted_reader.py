@@ -1,10 +1,11 @@
 """Reads voxels for as long as somebody wants them: large boxes part by part, so that a slow disk holds up nobody."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, SecondScalarReader, VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, VolumeReader, Voxels
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, VolumeDescription
 
 PART_BYTES = 256 << 20  # some seconds of a slow disk; most sub-cubes have less, and are read at once
@@ -27,6 +28,11 @@ class WantedReader:
 
     def read(self, box: Box) -> Voxels:
         return self._by_parts(self._reader.read, box)
+
+    @property
+    def read_second(self) -> ReadBox | None:
+        read = self._reader.read_second
+        return None if read is None else partial(self._by_parts, read)
 
     def _by_parts(self, read: ReadBox, box: Box) -> Voxels:
         whole: Voxels | None = None
@@ -53,21 +59,3 @@ class WantedReader:
             part, rest = rest.cut(2, end)
             yield part
         yield rest
-
-
-class WantedTwoScalars(WantedReader):
-    """Likewise of a volume that has a second scalar."""
-
-    def __init__(self, reader: SecondScalarReader, given_up: Callable[[], bool], part_bytes: int = PART_BYTES) -> None:
-        super().__init__(reader, given_up, part_bytes)
-        self._read_second = reader.read_second
-
-    def read_second(self, box: Box) -> Voxels:
-        return self._by_parts(self._read_second, box)
-
-
-def while_wanted(reader: VolumeReader, given_up: Callable[[], bool]) -> VolumeReader:
-    """A reader that ends once it is given up."""
-    if isinstance(reader, SecondScalarReader):
-        return WantedTwoScalars(reader, given_up)
-    return WantedReader(reader, given_up)

@@ -6,7 +6,7 @@ from threading import Lock
 from typing import NamedTuple, Protocol
 
 from volsplat.mapshade_server.prepare.level_source import LevelSource
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
 from volsplat.protocol.description.volume import Box, Index
 
 
@@ -75,6 +75,6 @@ class StoredScalars(Scalars):
 def volume_scalars(reader: VolumeReader) -> Scalars:
     """Those of a volume's own reader."""
     lock = Lock()
-    second = ReadByTurns(reader.read_second, lock) if isinstance(reader, SecondScalarReader) else None
+    second = None if reader.read_second is None else ReadByTurns(reader.read_second, lock)
     described = reader.describe()
     return Scalars(ReadByTurns(reader.read, lock), second, described.second_scalar, described.chunk)

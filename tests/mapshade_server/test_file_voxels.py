@@ -23,6 +23,7 @@ from volsplat.mapshade_server.answers import file_voxels
 from volsplat.mapshade_server.answers.file_voxels import FileVoxels
 from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.mapshade_server.readers import VolumeReader
+from volsplat.mapshade_server.readers.reading.volume_reader import read_scalars
 from volsplat.protocol.description.scene import View
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, Index
 from volsplat.protocol.messages import messages
@@ -222,13 +223,12 @@ def test_a_volume_that_only_comes_whole_is_read_once(tmp_path: Path, monkeypatch
     path, voxels = tmp_path / "packed.nrrd", FileVoxels()
     as_gzipped_nrrd(path, values)
     boxes: list[Box] = []
-    read = file_voxels._read
 
     def noted(reader: VolumeReader, box: Box) -> list[Any]:
         boxes.append(box)
-        return read(reader, box)
+        return read_scalars(reader, box)
 
-    monkeypatch.setattr(file_voxels, "_read", noted)
+    monkeypatch.setattr(file_voxels, "read_scalars", noted)
     heard = told(path, (0, 0, 0), (4, 2, 3), (2, 1, 0), voxels=voxels)
     assert [voxel.density for voxel in heard if voxel] == [0, 59, 7]
     assert boxes == [Box((0, 0, 0), SHAPE[::-1])]

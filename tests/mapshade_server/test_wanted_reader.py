@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.counted_bytes import bytes_read
-from volsplat.mapshade_server.held.wanted_reader import GivenUp, WantedReader, while_wanted
+from volsplat.mapshade_server.held.wanted_reader import GivenUp, WantedReader
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Box
@@ -63,4 +63,4 @@ def test_who_is_given_up_reads_no_more(tmp_path: Path) -> None:
     with pytest.raises(GivenUp):
         WantedReader(opened, given_up, part_bytes=sheet).read(box)
     assert 3 * sheet <= bytes_read() - before < 8 * sheet
-    assert while_wanted(opened, lambda: False).describe() == opened.describe()
+    assert WantedReader(opened, lambda: False).describe() == opened.describe()

@@ -21,7 +21,7 @@ from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.halving import halved_second
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels, read_scalars
 from volsplat.protocol.description.scene import (
     ColourTable,
     CrossBar,
@@ -74,9 +74,8 @@ def unprepared(volume: str) -> Iterator[SingleProcess]:
 
 def both_scalars(volume: str) -> tuple[Voxels, Voxels]:
     reader = open_volume(volume)
-    assert isinstance(reader, SecondScalarReader)
-    box = reader.describe().geometry.box
-    return reader.read(box), reader.read_second(box)
+    values, second = read_scalars(reader, reader.describe().geometry.box)
+    return values, second
 
 
 # -- what is in the store

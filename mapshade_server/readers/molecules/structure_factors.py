@@ -14,7 +14,7 @@ again; what was not measured at all is no data.
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.part_options import part_options
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels, boxes_of
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, boxes_of
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -63,13 +63,6 @@ def open_mmcif_reflections(path: Path, part: str, document: Any) -> OpenedVolume
     word, options = part_options(part, ("block",))
     reflections = mmcif_reflections(path, document, options.get("block"))
     return open_reflections(reflections, "structure-factor mmCIF", word)
-
-
-@dataclass(frozen=True)
-class FrequencyVolume(OpenedVolume):
-    """Amplitudes with their phases as second scalar."""
-
-    read_second: ReadBox = field(kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -249,10 +242,8 @@ def _frequency(factors: _Factors, parts: Sequence[Part], with_phases: bool) -> O
         why_whole="the list of reflections is read whole",
     )
     read = boxes_of(lambda: _at_indices(dims, factors.indices, factors.amplitudes))
-    if not with_phases:
-        return OpenedVolume(description, read, parts=parts)
-    phases = boxes_of(lambda: _at_indices(dims, factors.indices, factors.phases))
-    return FrequencyVolume(description, read, read_second=phases, parts=parts)
+    phases = boxes_of(lambda: _at_indices(dims, factors.indices, factors.phases)) if with_phases else None
+    return OpenedVolume(description, read, read_second=phases, parts=parts)
 
 
 def _checked_size(path: Path, dims: Index) -> Index:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -22,7 +22,7 @@ SCALAR_TYPES = tuple(SCALAR_BYTES)
 
 
 class VolumeReader(Protocol):
-    """One opened volume. Both methods raise BadInput if the file turns out to be unusable."""
+    """One opened volume. Its methods raise BadInput if the file turns out to be unusable."""
 
     def describe(self) -> VolumeDescription:
         """The grid, its place in space and the scalar type; no voxels are read if the format allows that."""
@@ -32,14 +32,15 @@ class VolumeReader(Protocol):
         """The voxels of `box`, which must lie within the grid."""
         ...
 
-
-@runtime_checkable
-class SecondScalarReader(VolumeReader, Protocol):
-    """A volume with two numbers a voxel, such as amplitude and phase: its description has a `second_scalar`."""
-
-    def read_second(self, box: Box) -> Voxels:
-        """The second scalar in `box`, as `read` gives the first; NaN becomes the lowest of its range."""
+    @property
+    def read_second(self) -> ReadBox | None:
+        """As `read`, of a volume whose description has a `second_scalar`; NaN becomes the lowest of its range."""
         ...
+
+
+def read_scalars(reader: VolumeReader, box: Box) -> list[Voxels]:
+    """The voxels of `box`, and their second scalar if the volume has one."""
+    return [read(box) for read in (reader.read, reader.read_second) if read is not None]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class OpenedVolume:
     found_files: Callable[[], Sequence[VolumeFile]] = tuple  # if they are not what is named: see volume_files
     parts: Sequence[Part] = field(kw_only=True)
     """Of the same file, this one included, that could be named where nobody did; none if there is nothing to choose."""
+    read_second: ReadBox | None = field(default=None, kw_only=True)
 
     def describe(self) -> VolumeDescription:
         return self.description

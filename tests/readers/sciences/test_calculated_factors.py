@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -34,7 +33,7 @@ def molecule(path: Path, group: str = "P 1 21 1", cell: bool = True, b: float = 
 def frequencies(name: str) -> tuple[VolumeDescription, Factors]:
     """Every structure factor of a volume of frequencies, by its indices."""
     reader = open_volume(name)
-    assert isinstance(reader, SecondScalarReader)
+    assert reader.read_second is not None
     description = reader.describe()
     amplitudes, phases = (read(description.geometry.box) for read in (reader.read, reader.read_second))
     assert description.axes is not None
