@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from volsplat.mapshade_server.answers.volume_answers import Answer, Surveyed, check_within, counted, store_described
+from volsplat.mapshade_server.answers.voxel_answers import OfVoxels
 from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
@@ -103,6 +104,21 @@ class HeldVolume:
         if level not in self._levels:
             raise BadInput(f"level {level} is not held, only {', '.join(map(str, sorted(self._levels))) or 'none'}")
         return self._levels[level]
+
+    def sub_cubes_asked(self, request: messages.RenderFrame | OfVoxels) -> list[SubCube]:
+        """Those that a request is about. Raises BadInput if they are not held, or not as it says."""
+        if isinstance(request, messages.RenderFrame | messages.SumDepths):
+            self.check(request.assignment, f"frame {request.frame}")
+        else:
+            self.check(request.assignment, f"probe {request.probe}")
+        match request:
+            case messages.CountPlane():
+                return self.sub_cubes(request.level)
+            case messages.ProbeVoxels():
+                plan = request.line.plan
+            case _:
+                plan = request.plan
+        return self.sub_cubes_drawn(request.level, request.geometry, plan)
 
     def sub_cubes_drawn(self, level: int, geometry: Geometry, plan: FramePlan) -> list[SubCube]:
         """Those of a level, as a plan draws it; `geometry` is the volume's.

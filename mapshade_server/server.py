@@ -11,22 +11,18 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import replace
 
 import msgspec
 
 from volsplat.mapshade_server._kernels import Crew, NewestFrame, SignsOfLife
 from volsplat.mapshade_server.answers.file_answers import FileAnswers, OfFiles
-from volsplat.mapshade_server.answers.light_depths import depths_summed
-from volsplat.mapshade_server.answers.probe import front_most
-from volsplat.mapshade_server.answers.slice_parts import slice_parts
-from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
-from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
+from volsplat.mapshade_server.answers.volume_answers import Answer
+from volsplat.mapshade_server.answers.voxel_answers import OfVoxels, VoxelAnswers
 from volsplat.mapshade_server.frames.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frames.frame_tally import FrameTally
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
-from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.links.data_links import DataLinks
@@ -41,7 +37,6 @@ from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
-from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
@@ -87,7 +82,7 @@ class MapShadeServer:
         self._crew = Crew()
         self._walking = ThreadPoolExecutor(1, "walk")
         self._reading_ahead = ThreadPoolExecutor(1, "read ahead")
-        self._files = FileAnswers(data_root, lambda: self._heartbeat.at_work(client), self._give_of_files)
+        self._files = FileAnswers(data_root, lambda: self._heartbeat.at_work(client), self._give)
         self._newest_assignment = 0  # likewise
         self._held = held or HeldVolume()
         self._held.superseded = lambda assignment: self._newest_assignment > assignment
@@ -165,14 +160,22 @@ class MapShadeServer:
     def _answer(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> None:
         try:
             self._check_path(request)
-            if self._held.concerned(request):
+            if isinstance(request, OfVoxels):
+                self._answer_from_voxels(request)
+            elif self._held.concerned(request):
                 with self._heartbeat.at_work(self._client):
                     for answer in self._held.answers(request, payload):
-                        self._client.send(answer.message, *answer.payload)
+                        self._give(answer)
             else:
                 HANDLERS[type(request)].method(self, request)
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(msgspec.structs.replace(refusal(request, error), held=self._held.assignment))
+
+    def _answer_from_voxels(self, request: OfVoxels) -> None:
+        answers = VoxelAnswers(self._held.sub_cubes_asked(request))
+        takes_long = isinstance(request, messages.SumDepths)  # a probe is over before signs of life are left
+        with self._heartbeat.at_work(self._client) if takes_long else nullcontext():
+            self._give(answers.answer(request))
 
     def _check_path(self, request: messages.Message) -> None:
         """Raises BadInput for a volume that does not lie below the data root."""
@@ -222,7 +225,7 @@ class MapShadeServer:
     def _list_folder(self, request: messages.ListFolder) -> None:
         self._files.ask(request)
 
-    def _give_of_files(self, answer: Answer) -> None:
+    def _give(self, answer: Answer) -> None:
         self._client.send(answer.message, *answer.payload)
 
     # -- frames
@@ -239,13 +242,12 @@ class MapShadeServer:
 
     @takes(messages.RenderFrame)
     def _render_frame(self, request: messages.RenderFrame) -> None:
-        self._held.check(request.assignment, f"frame {request.frame}")
+        sub_cubes = self._held.sub_cubes_asked(request)
         if not self._links.of_servers:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         came, started = self._frame_came, time.perf_counter()
         self._spans = spans = FrameSpans(request.frame, request.traced)
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
-        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         walkers = request.workers[self._client.id]
         closed_tiles = self._links.begin_frame(request.frame, request.plan, walkers if request.paced else 0)
         walk = FrameWalk(
@@ -332,41 +334,8 @@ class MapShadeServer:
             return request.assignment == self._held.assignment
         return isinstance(request, OfFiles | messages.ReadAhead)
 
-    @takes(messages.ProbeVoxels)
-    def _probe_voxels(self, request: messages.ProbeVoxels) -> None:
-        self._held.check(request.assignment, f"probe {request.probe}")
-        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
-        voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
-        self._client.send(messages.VoxelProbed(probe=request.probe, voxel=voxel))
 
-    @takes(messages.SumDepths)
-    def _sum_depths(self, request: messages.SumDepths) -> None:
-        self._held.check(request.assignment, f"what dims the light of frame {request.frame}")
-        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
-        with self._heartbeat.at_work(self._client):
-            summed, sums = depths_summed(request, sub_cubes)
-        self._client.send(summed, sums)
-
-    @takes(messages.ReadSlice)
-    def _read_slice(self, request: messages.ReadSlice) -> None:
-        self._held.check(request.assignment, f"slice {request.probe}")
-        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
-        if request.plane.dims != dims_at_level(request.geometry.dims, request.plan.factors):
-            raise BadInput(f"slice {request.probe} is of another grid than level {request.level}")
-        mixture = mixture_of(sub_cubes)
-        fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan, mixture)
-        parts = list(slice_parts(sub_cubes, fields, request.plane))
-        read = messages.SliceRead(request.probe, request.assignment, parts=[part for part, _ in parts])
-        self._client.send(read, *(samples for _, samples in parts))
-
-    @takes(messages.CountPlane)
-    def _count_plane(self, request: messages.CountPlane) -> None:
-        self._held.check(request.assignment, f"counts {request.probe}")
-        counts = plane_counts(self._held.sub_cubes(request.level))
-        self._client.send(messages.PlaneCounted(request.probe, request.assignment), counts.cast("B"))
-
-
-OWNERS = (MapShadeServer, HeldVolume)
+OWNERS = (MapShadeServer, HeldVolume, VoxelAnswers)
 HANDLERS = handlers(MapShadeServer)
 
 check_handlers(taken_by(Role.MAPSHADE_SERVER), *OWNERS)

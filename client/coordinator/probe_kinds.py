@@ -5,13 +5,14 @@ Each knows what to ask of every server that holds voxels, and makes one answer o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from volsplat.client.coordinator.coordinator_events import Found, PlaneAsked, ProbeAsked, SliceAsked
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
@@ -23,6 +24,9 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.slice_plane import level_plane
+from volsplat.protocol.text.errors import BadInput
+
+Asked = ProbeAsked | SliceAsked | PlaneAsked
 
 
 class Probe(Protocol):
@@ -31,14 +35,20 @@ class Probe(Protocol):
     pending: set[int] | None  # servers that were asked and have not answered; None before
 
     @property
-    def asked(self) -> ProbeAsked | SliceAsked | PlaneAsked: ...
+    def asked(self) -> Asked: ...
 
     @property
     def found(self) -> Found:
         """The answer, once all have given theirs."""
 
-    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> Message:
+    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ProbeVoxels | ReadSlice | CountPlane:
         """What to ask all servers. Raises ValueError for what cannot be computed with."""
+
+    def answered_by(self, message: Message) -> bool:
+        """Whether it is of the boxes that are held now: before a loss a server may have held fewer."""
+
+    def take(self, message: Message, payload: memoryview) -> None:
+        """What one of them has found. Raises RemoteProtocolError for what cannot be."""
 
     def forget(self) -> None:
         """What was told: everybody is asked anew."""
@@ -74,7 +84,11 @@ class PointProbe:
             level=resolution.level,
         )
 
-    def take(self, message: VoxelProbed) -> None:
+    def answered_by(self, message: Message) -> bool:
+        return isinstance(message, VoxelProbed)
+
+    def take(self, message: Message, payload: memoryview) -> None:
+        assert isinstance(message, VoxelProbed)
         if message.voxel is not None:
             self.voxels.append(message.voxel)
 
@@ -118,14 +132,12 @@ class SliceProbe:
             level=resolution.level,
         )
 
-    def take(self, message: SliceRead, payload: memoryview) -> None:
-        """Raises RemoteProtocolError for what is no part of it."""
-        assert self.slice is not None, "it was asked for"
-        self.slice.take(message.parts, payload)
+    def answered_by(self, message: Message) -> bool:
+        return isinstance(message, SliceRead) and message.assignment == self.assignment
 
-    def answers(self, message: SliceRead) -> bool:
-        """Whether it is of the boxes that are held now: before a loss the server may have held fewer."""
-        return message.assignment == self.assignment
+    def take(self, message: Message, payload: memoryview) -> None:
+        assert isinstance(message, SliceRead) and self.slice is not None, "it was asked for"
+        self.slice.take(message.parts, payload)
 
     def forget(self) -> None:
         self.slice = None
@@ -142,10 +154,6 @@ class PlaneProbe:
     counts: PlaneCounts = field(default_factory=PlaneCounts)
     assignment: int = 0  # by which they were asked for
 
-    @classmethod
-    def of(cls, asked: PlaneAsked, geometry: Geometry) -> PlaneProbe:
-        return cls(asked)
-
     @property
     def found(self) -> PlaneCounts:
         return self.counts
@@ -154,12 +162,27 @@ class PlaneProbe:
         self.assignment = holding.assignment
         return CountPlane(self.asked.probe, holding.assignment, holding.finest().level)
 
-    def take(self, payload: memoryview) -> None:
-        self.counts = self.counts.plus(payload)
+    def answered_by(self, message: Message) -> bool:
+        return isinstance(message, PlaneCounted) and message.assignment == self.assignment
 
-    def answers(self, message: PlaneCounted) -> bool:
-        """Whether it is of the boxes that are held now."""
-        return message.assignment == self.assignment
+    def take(self, message: Message, payload: memoryview) -> None:
+        self.counts = self.counts.plus(payload)
 
     def forget(self) -> None:
         self.counts = PlaneCounts()
+
+
+def probe_for(asked: Asked, volume: SurveyedVolume) -> Probe:
+    """Raises BadInput if what is asked for does not fit the volume."""
+    geometry = volume.description.geometry
+    try:
+        settled = replace(asked, scene=volume.settled(asked.scene))
+        match settled:
+            case ProbeAsked():
+                return PointProbe.of(settled, geometry)
+            case SliceAsked():
+                return SliceProbe.of(settled, geometry)
+            case PlaneAsked():
+                return PlaneProbe(settled)
+    except ValueError as error:
+        raise BadInput(str(error)) from error

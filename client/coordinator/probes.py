@@ -3,7 +3,6 @@ all of them have found.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from volsplat.client.coordinator.coordinator_events import (
     Answer,
@@ -16,7 +15,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.open_questions import OpenQuestions
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
-from volsplat.client.coordinator.probe_kinds import PlaneProbe, PointProbe, Probe, SliceProbe
+from volsplat.client.coordinator.probe_kinds import Asked, Probe, probe_for
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages.frame_messages import VoxelProbed
@@ -34,31 +33,25 @@ class Probes(OpenQuestions[Probe]):
         self._holding = holding
 
     @takes(ProbeAsked)
-    def _asked(self, event: ProbeAsked) -> list[Instruction]:
-        return self._begin(PointProbe, event)
+    def _point_asked(self, event: ProbeAsked) -> list[Instruction]:
+        return self._begin(event)
 
     @takes(SliceAsked)
     def _slice_asked(self, event: SliceAsked) -> list[Instruction]:
-        return self._begin(SliceProbe, event)
+        return self._begin(event)
 
     @takes(PlaneAsked)
     def _plane_asked(self, event: PlaneAsked) -> list[Instruction]:
-        return self._begin(PlaneProbe, event)
+        return self._begin(event)
 
-    def _begin(
-        self,
-        kind: type[PointProbe] | type[SliceProbe] | type[PlaneProbe],
-        event: ProbeAsked | SliceAsked | PlaneAsked,
-    ) -> list[Instruction]:
+    def _begin(self, event: Asked) -> list[Instruction]:
         """Take a probe, or refuse it if it does not fit the volume."""
         volume = self._holding.volume
         assert volume is not None, "who asks knows the volume"
         try:
-            settled = replace(event, scene=volume.settled(event.scene))
-            geometry = volume.description.geometry
-            self._open[event.probe] = kind.of(settled, geometry)  # type: ignore[arg-type]  # each of its own event
-        except ValueError as error:
-            return [Answer(event.probe, error=BadInput(str(error)))]
+            self._open[event.probe] = probe_for(event, volume)
+        except BadInput as error:
+            return [Answer(event.probe, error=error)]
         return []
 
     def waiting(self) -> Iterator[Probe]:
@@ -89,33 +82,24 @@ class Probes(OpenQuestions[Probe]):
         return sent
 
     @takes(VoxelProbed, *SURVEYED_PHASES)
-    def _received(self, message: VoxelProbed, event: MessageReceived) -> list[Instruction]:
-        probe = self._open.get(message.probe)
-        if not isinstance(probe, PointProbe) or probe.pending is None:
-            return []
-        probe.take(message)
-        return self._answered(probe, event.server)
+    def _voxel_probed(self, message: VoxelProbed, event: MessageReceived) -> list[Instruction]:
+        return self._answered(message.probe, event)
 
     @takes(SliceRead, *SURVEYED_PHASES)
     def _slice_read(self, message: SliceRead, event: MessageReceived) -> list[Instruction]:
-        probe = self._open.get(message.probe)
-        if not isinstance(probe, SliceProbe) or probe.pending is None or not probe.answers(message):
-            return []
-        probe.take(message, event.payload)
-        return self._answered(probe, event.server)
+        return self._answered(message.probe, event)
 
     @takes(PlaneCounted, *SURVEYED_PHASES)
     def _plane_counted(self, message: PlaneCounted, event: MessageReceived) -> list[Instruction]:
-        probe = self._open.get(message.probe)
-        if not isinstance(probe, PlaneProbe) or probe.pending is None or not probe.answers(message):
-            return []
-        probe.take(event.payload)
-        return self._answered(probe, event.server)
+        return self._answered(message.probe, event)
 
-    def _answered(self, probe: Probe, server: int) -> list[Instruction]:
-        assert probe.pending is not None
-        probe.pending.discard(server)
-        return [] if probe.pending else self._answer(probe.asked.probe, probe.found)
+    def _answered(self, number: int, event: MessageReceived) -> list[Instruction]:
+        probe = self._open.get(number)
+        if probe is None or probe.pending is None or not probe.answered_by(event.message):
+            return []
+        probe.take(event.message, event.payload)
+        probe.pending.discard(event.server)
+        return [] if probe.pending else self._answer(number, probe.found)
 
     def lost(self, server: int) -> None:
         """Nothing more will come from this server: ask anew, of whoever then holds what it held."""

@@ -31,14 +31,19 @@ from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
+    Found,
     FrameOutcome,
     Instruction,
     MessageReceived,
+    PlaneAsked,
+    ProbeAsked,
     ReportProgress,
     Send,
+    SliceAsked,
 )
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.probe_kinds import Asked, probe_for
 from volsplat.client.coordinator.running_frame import progress_words
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
@@ -62,14 +67,12 @@ from volsplat.client.trace.single_frame import note_frame
 from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.answers.file_voxels import FileVoxels
-from volsplat.mapshade_server.answers.light_depths import depths_summed
-from volsplat.mapshade_server.answers.probe import front_most
-from volsplat.mapshade_server.answers.slice_parts import slice_parts
 from volsplat.mapshade_server.answers.visible_voxels import VoxelSheets
-from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
+from volsplat.mapshade_server.answers.volume_answers import Answer
+from volsplat.mapshade_server.answers.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
-from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
+from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.description.scene import Scene, Step
@@ -78,10 +81,8 @@ from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.levels import Resolution
-from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
-from volsplat.protocol.rules.slice_plane import MOST_SAMPLES, level_plane
+from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
@@ -91,6 +92,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 WORKER = 1  # the one map/shade "server"
+ASKED = 1  # the one question: it is answered before the next one is asked
 LOOK_SECONDS = 0.1  # between two looks at whether something else is wanted
 TAKEN = handlers(VolumeHolding)
 
@@ -215,16 +217,9 @@ class SingleProcess:
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
-        scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
-        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        with self._drawing:
-            packing, resolution = self._packed(scene, Step.F), self._holding.finest()
-            sub_cubes, rules = self._held.sub_cubes(resolution.level), packing.quantisation
-        try:
-            line = line_of_sight(scene, geometry, x, y, resolution)
-        except ValueError as error:
-            raise BadInput(str(error)) from error
-        return front_most(sub_cubes, geometry, rules, shading_rule(scene, Step.F), line)
+        found = self._found(ProbeAsked(ASKED, checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")))
+        assert found is None or isinstance(found, messages.ProbedVoxel), "nothing else was asked for"
+        return found
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
@@ -243,42 +238,43 @@ class SingleProcess:
         """A slice across "i", "j" or "k", in the scene's colours; see Session. Raises BadInput."""
         scene, across = checked_scene(scene), checked_axis(axis)
         index, longest = checked_place(index, "index"), checked_count(longest, "longest")
-        fields, resolution, sub_cubes = self._fields(scene)
-        try:
-            plane = level_plane(fields.geometry.dims, fields.plan.factors, across, index, longest)
-        except ValueError as error:
-            raise BadInput(str(error)) from error
-        whole = VolumeSlice.empty(plane, fields.plan.factors, fields.quantisation)
-        for part, samples in slice_parts(sub_cubes, fields, plane):
-            whole.take([part], samples)
-        return whole
+        found = self._found(SliceAsked(ASKED, scene, across, index, longest))
+        assert isinstance(found, VolumeSlice), "a slice was asked for"
+        return found
 
     def plane_counts(self, scene: Scene) -> PlaneCounts:
         """How many voxels have each density with each strength; see Session. Raises BadInput."""
-        _, _, sub_cubes = self._fields(checked_scene(scene))
-        return PlaneCounts().plus(plane_counts(sub_cubes))
+        found = self._found(PlaneAsked(ASKED, checked_scene(scene)))
+        assert isinstance(found, PlaneCounts), "counts were asked for"
+        return found
+
+    def _found(self, asked: Asked) -> Found:
+        """What the voxels tell that are held for the scene. Raises BadInput."""
+        probe = probe_for(asked, self.volume)
+        try:
+            with self._drawing:
+                packing = self._packed(probe.asked.scene, Step.F)
+                request = probe.request(self._holding, packing.quantisation)
+                sub_cubes = self._held.sub_cubes_asked(request)
+        except ValueError as error:
+            raise BadInput(str(error)) from error
+        answer = VoxelAnswers(sub_cubes).answer(request)
+        probe.take(answer.message, answer.whole_payload)
+        return probe.found
 
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
         scene, every = checked_scene(scene), checked_count(every, "every")
-        fields, resolution, sub_cubes = self._fields(scene)
-        return VoxelSheets(sub_cubes, fields, resolution.geometry, every)
-
-    def _fields(self, scene: Scene) -> tuple[VoxelFields, Resolution, list[SubCube]]:
-        """What step F of a scene makes of the voxels that are held for it, and which these are. Raises BadInput.
-
-        They stay what they are, whatever another thread has held next.
-        """
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        with self._drawing:
-            rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
-            sub_cubes = self._held.sub_cubes(resolution.level)
         try:
+            with self._drawing:
+                rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
+                sub_cubes = self._held.sub_cubes(resolution.level)
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
         fields = VoxelFields(geometry, rules, shading_rule(scene, Step.F), plan, mixture_of(sub_cubes))
-        return fields, resolution, sub_cubes
+        return VoxelSheets(sub_cubes, fields, resolution.geometry, every)
 
     def _drawn(self, begun: _Begun, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one. Raises Superseded."""
@@ -367,7 +363,9 @@ class SingleProcess:
     def _lit(self, request: messages.RenderFrame, scene: Scene) -> messages.RenderFrame:
         """The request with what dims its light."""
         for server, asked in self._depths.ask(request, [WORKER]):
-            self._depths.take(server, *depths_summed(asked, self._held.sub_cubes(asked.level)))
+            answer = VoxelAnswers(self._held.sub_cubes_asked(asked)).answer(asked)
+            assert isinstance(answer.message, messages.DepthsSummed)
+            self._depths.take(server, answer.message, answer.whole_payload)
         return msgspec.structs.replace(request, light=self._depths.blocks(scene.light))
 
     def _outcome(
@@ -412,7 +410,7 @@ class SingleProcess:
                         self._carry_out(self._taken(answer))
 
     def _taken(self, answer: Answer) -> list[Instruction]:
-        holding, message, payload = self._holding, answer.message, memoryview(b"".join(answer.payload))
+        holding, message, payload = self._holding, answer.message, answer.whole_payload
         if isinstance(message, messages.VolumeDescribed):
             return holding.described(message, payload)
         told: list[Instruction] = TAKEN[type(message)].method(

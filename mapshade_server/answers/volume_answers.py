@@ -26,6 +26,11 @@ class Answer(NamedTuple):
     message: messages.Message
     payload: tuple[memoryview, ...] = ()
 
+    @property
+    def whole_payload(self) -> memoryview:
+        """As it comes to the other side."""
+        return memoryview(b"".join(self.payload))
+
 
 @dataclass
 class Surveyed:

@@ -1,0 +1,56 @@
+"""Answers from the voxels that are held: what is seen at a point, a slice, counts, and what dims light."""
+
+from collections.abc import Sequence
+
+from volsplat.mapshade_server.answers.light_depths import depths_summed
+from volsplat.mapshade_server.answers.probe import front_most
+from volsplat.mapshade_server.answers.slice_parts import slice_parts
+from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
+from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
+from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.handlers import handlers, takes
+from volsplat.protocol.rules.levels import dims_at_level
+from volsplat.protocol.text.errors import BadInput
+
+OfVoxels = messages.ProbeVoxels | messages.ReadSlice | messages.CountPlane | messages.SumDepths
+
+
+class VoxelAnswers:
+    """From the sub-cubes that a request is about (see HeldVolume), which stay what they are, whatever is held next."""
+
+    def __init__(self, sub_cubes: Sequence[SubCube]) -> None:
+        self._sub_cubes = sub_cubes
+
+    def answer(self, request: OfVoxels) -> Answer:
+        """Raises BadInput for what cannot be made from them."""
+        answer: Answer = HANDLERS[type(request)].method(self, request)
+        return answer
+
+    @takes(messages.ProbeVoxels)
+    def _probe_voxels(self, request: messages.ProbeVoxels) -> Answer:
+        voxel = front_most(self._sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
+        return Answer(messages.VoxelProbed(request.probe, voxel))
+
+    @takes(messages.ReadSlice)
+    def _read_slice(self, request: messages.ReadSlice) -> Answer:
+        if request.plane.dims != dims_at_level(request.geometry.dims, request.plan.factors):
+            raise BadInput(f"slice {request.probe} is of another grid than level {request.level}")
+        mixture = mixture_of(self._sub_cubes)
+        fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan, mixture)
+        parts = list(slice_parts(self._sub_cubes, fields, request.plane))
+        read = messages.SliceRead(request.probe, request.assignment, [part for part, _ in parts])
+        return Answer(read, tuple(memoryview(samples) for _, samples in parts))
+
+    @takes(messages.CountPlane)
+    def _count_plane(self, request: messages.CountPlane) -> Answer:
+        counts = plane_counts(self._sub_cubes)
+        return Answer(messages.PlaneCounted(request.probe, request.assignment), (counts.cast("B"),))
+
+    @takes(messages.SumDepths)
+    def _sum_depths(self, request: messages.SumDepths) -> Answer:
+        summed, sums = depths_summed(request, self._sub_cubes)
+        return Answer(summed, (memoryview(sums),))
+
+
+HANDLERS = handlers(VoxelAnswers)
