@@ -13,7 +13,8 @@ from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.mapshade_server.held.packet_store import is_store
-from volsplat.mapshade_server.held.slabs import PassedBox, slab_reader
+from volsplat.mapshade_server.held.passed_box import PassedBox
+from volsplat.mapshade_server.held.sheet_reader import sheet_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import (
     check_still,
@@ -159,8 +160,8 @@ class HeldVolume:
         self._drop()  # nothing is held, should the reading fail
         reader = self._while_wanted(reader, request.assignment)
         if not request.held:
-            slabs = slab_reader(reader)
-            self._passed = [PassedBox(slabs, box) for box in request.boxes]
+            sheets = sheet_reader(reader)
+            self._passed = [PassedBox(sheets, box) for box in request.boxes]
             self._passed_by = check
             return [self._read(self._passed, request.assignment, started)]
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from volsplat.mapshade_server.answers.volume_answers import check_within
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_read
-from volsplat.mapshade_server.held.slabs import slab_reader
+from volsplat.mapshade_server.held.sheet_reader import sheet_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
 from volsplat.mapshade_server.held.wanted_reader import WantedReader
@@ -85,8 +85,8 @@ class PartsAhead:
         there = [*held, *(cube.box for cube in parts.cubes)]
         rest = [part for box in request.boxes for part in box.without(*there)]
         self._budget.take(bytes_to_read(description, rest), held=0, let_go=0)
-        slabs = slab_reader(WantedReader(reader, given_up))
-        for slab in (slab for box in rest for slab in slabs.slabs(box)):
-            slab.sub_cube.pack(request.quantisation)
-            parts.cubes.append(slab.sub_cube)
+        wanted = sheet_reader(WantedReader(reader, given_up))
+        for sheets in (sheets for box in rest for sheets in wanted.sheets(box)):
+            sheets.sub_cube.pack(request.quantisation)
+            parts.cubes.append(sheets.sub_cube)
         check_still(request.path, reader, description, request.identity)

@@ -57,21 +57,21 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
     console = SideConsole()
     with shown_progress(nk, console) as (tell, done):
         tell("making sheets")
-        made = made._replace(slabs=_counted(made.slabs, done))
+        made = made._replace(sheets=_counted(made.sheets, done))
         if extension_of(output) == NRRD:
-            write_nrrd(output, made.slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
+            write_nrrd(output, made.sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
         else:
             write_volume(output, *made.whole())
     console.say(f"{output}: {name}, {ni} x {nj} x {nk} voxels")
 
 
-def _counted(slabs: Iterator[Tensor], done: Callable[[int], None]) -> Iterator[Tensor]:
-    """The slabs as they come; `done` gets the number of sheets that were made."""
-    sheets = 0
-    for slab in slabs:
-        yield slab
-        sheets += len(slab)
-        done(sheets)
+def _counted(sheets: Iterator[Tensor], done: Callable[[int], None]) -> Iterator[Tensor]:
+    """The sheets as they come; `done` gets the number of those that were made."""
+    made = 0
+    for some in sheets:
+        yield some
+        made += len(some)
+        done(made)
 
 
 def size_of_grid(text: str) -> Index:

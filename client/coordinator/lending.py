@@ -95,18 +95,18 @@ class Lending:
     def _parts_of(self, server: int, boxes: list[Box], scalar_types: list[ScalarType]) -> list[Part]:
         dims = self._description.geometry.dims
         return [
-            Part(server=server, sub_cube=n, scalar=scalar, scalar_type=scalar_type, box=slab)
+            Part(server=server, sub_cube=n, scalar=scalar, scalar_type=scalar_type, box=part)
             for n, box in enumerate(boxes)
             for scalar, scalar_type in enumerate(scalar_types)
-            for slab in slabs(box if scalar else box.grown(HALO, dims), PART_BYTES // SCALAR_BYTES[scalar_type])
+            for part in parts_of(box if scalar else box.grown(HALO, dims), PART_BYTES // SCALAR_BYTES[scalar_type])
         ]
 
 
-def slabs(box: Box, voxels: int) -> list[Box]:
+def parts_of(box: Box, voxels: int) -> list[Box]:
     """The box cut into as many whole sheets as have no more than so many voxels; or rows, or samples."""
     cut = [box]
     for axis in (2, 1, 0):
-        cut = [part for slab in cut for part in _cut(slab, axis, voxels)]
+        cut = [part for whole in cut for part in _cut(whole, axis, voxels)]
     return cut
 
 

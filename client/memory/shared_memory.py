@@ -19,7 +19,7 @@ from volsplat.protocol.description.volume import SCALAR_BYTES, VolumeDescription
 from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
 
-SLAB_BYTES = 1 << 26  # copied at a time, so that what is not in memory yet is never held twice
+BYTES_AT_ONCE = 1 << 26  # copied at a time, so that what is not in memory yet is never held twice
 CHUNK_COPIES = 4  # of chunks, at the most, as they are unpacked, joined and converted
 LONGEST_NAME = 200  # bytes; the system takes no more than 249
 _NO_CHANGES = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
@@ -69,8 +69,8 @@ class SharedMemory:
 def shared_memory(description: VolumeDescription, values: Any) -> SharedMemory:
     """The voxels of an array [k, j, i] with their description before them. Raises BadInput."""
     _check_room(description.geometry.box.voxels * SCALAR_BYTES[description.scalar_type])
-    slabs = (memoryview(slab).cast("B") for slab in _slabs(values, description.scalar_type))
-    return SharedMemory(description.name, chain([packed_header(description)], slabs))
+    sheets = (memoryview(some).cast("B") for some in _sheets(values, description.scalar_type))
+    return SharedMemory(description.name, chain([packed_header(description)], sheets))
 
 
 def copied_memory(name: str, contents: bytes) -> SharedMemory:
@@ -89,14 +89,14 @@ def _check_room(needed: int) -> None:
         )
 
 
-def _slabs(values: Any, scalar_type: str) -> Iterator[Any]:
+def _sheets(values: Any, scalar_type: str) -> Iterator[Any]:
     """Whole sheets in order: dask and zarr compute and read no more of them at once. Raises BadInput.
 
     Chunks are computed and unpacked once each, as long as those that lie beside one another fit into memory.
     """
     sheets, rows, columns = values.shape
     sheet_bytes, chunk = rows * columns * np.dtype(scalar_type).itemsize, _chunk(values)
-    step = max(1, SLAB_BYTES // sheet_bytes)
+    step = max(1, BYTES_AT_ONCE // sheet_bytes)
     if step > chunk or (sheets + CHUNK_COPIES * chunk) * sheet_bytes <= available_memory():
         step += -step % chunk
     for first in range(0, sheets, step):

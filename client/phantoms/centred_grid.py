@@ -9,15 +9,15 @@ from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 
-SLAB_VOXELS = 1 << 17  # worked on at a time, so that a phantom's making takes little more memory than itself
+VOXELS_AT_ONCE = 1 << 17  # worked on at a time, so that a phantom's making takes little more memory than itself
 
 
 class Phantom(NamedTuple):
-    """A phantom in the making: its voxels come slab by slab, once."""
+    """A phantom in the making: its voxels come some sheets at a time, once."""
 
     geometry: Geometry
     dtype: torch.dtype
-    slabs: Iterator[torch.Tensor]  # consecutive sheets, shaped (k, j, i)
+    sheets: Iterator[torch.Tensor]  # consecutive ones, shaped (k, j, i)
     kind: Kind = Kind.UNKNOWN
     bands: tuple[Band, ...] = ()  # where its values are classes
 
@@ -25,14 +25,14 @@ class Phantom(NamedTuple):
         """All voxels, shaped (k, j, i), and their place."""
         values = torch.empty(self.geometry.dims[::-1], dtype=self.dtype)
         made = 0
-        for slab in self.slabs:
-            values[made : made + len(slab)] = slab
-            made += len(slab)
+        for sheets in self.sheets:
+            values[made : made + len(sheets)] = sheets
+            made += len(sheets)
         return values, self.geometry
 
 
 def at_once(make: Callable[[], torch.Tensor]) -> Iterator[torch.Tensor]:
-    """The slabs of a phantom that is made whole, when it is asked for."""
+    """The sheets of a phantom that is made whole, when it is asked for."""
     yield make()
 
 
@@ -63,13 +63,13 @@ def axis_positions(geometry: Geometry, axis: int) -> torch.Tensor:
     return (steps + geometry.origin[axis]).to(torch.float32)
 
 
-def slabs(geometry: Geometry) -> Iterator[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+def sheet_positions(geometry: Geometry) -> Iterator[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
     """The positions x (1, 1, i), y (1, j, 1), z (k, 1, 1) of the voxels of consecutive ranges of k."""
     x = axis_positions(geometry, 0)[None, None, :]
     y = axis_positions(geometry, 1)[None, :, None]
     z = axis_positions(geometry, 2)[:, None, None]
     ni, nj, nk = geometry.dims
-    sheets = max(1, SLAB_VOXELS // (ni * nj))
+    sheets = max(1, VOXELS_AT_ONCE // (ni * nj))
     for low in range(0, nk, sheets):
         yield x, y, z[low : low + sheets]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, sheet_positions
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 
@@ -41,7 +41,7 @@ def galaxy(size: Index | None = None, spacing: Vector | None = None, seed: int =
 
 
 def _observed(geometry: Geometry, scale: float, noise: SheetNoise) -> Iterator[Tensor]:
-    for x, y, z in slabs(geometry):
+    for x, y, z in sheet_positions(geometry):
         column, velocity = column_density(x / scale, y / scale), line_of_sight_velocity(x / scale, y / scale)
         line = torch.exp(-0.5 * ((z / scale * CHANNEL_WIDTH - velocity) / DISPERSION) ** 2)
         brightness = column * line

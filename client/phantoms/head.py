@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms import head_anatomy as anatomy
-from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, sheet_positions
 from volsplat.client.phantoms.solids import blended_minimum, coverage, union, without
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Geometry, Index
@@ -41,7 +41,7 @@ def head(size: Index | None = None, spacing: Vector | None = None, seed: int = 0
 
 def _scanned(geometry: Geometry, scale: float, noise: SheetNoise) -> Iterator[Tensor]:
     edge = EDGE_VOXELS * geometry.reference_spacing / scale
-    for x, y, z in slabs(geometry):
+    for x, y, z in sheet_positions(geometry):
         sheets = _ct_values(x / scale, y / scale, z / scale, edge)
         sheets += noise.next(*sheets.shape)
         yield sheets.round_().clamp_(0, LARGEST_VALUE).to(torch.uint16)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import torch
 
-from volsplat.client.phantoms.centred_grid import Phantom, centred_geometry, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, centred_geometry, sheet_positions
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector, normalised
 
@@ -31,7 +31,7 @@ def marschner_lobb(size: Index | None = None, spacing: Vector | None = None, see
 
 
 def _signal(unit: Geometry) -> Iterator[torch.Tensor]:
-    return (marschner_lobb_signal(x, y, z) for x, y, z in slabs(unit))
+    return (marschner_lobb_signal(x, y, z) for x, y, z in sheet_positions(unit))
 
 
 def marschner_lobb_signal(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
@@ -48,7 +48,7 @@ def ramp(
     """float32 values that rise by 1 per unit of length along `direction`, 0 in the middle."""
     geometry = centred_geometry(size or RAMP_SIZE, spacing or UNIT_SPACING)
     dx, dy, dz = normalised(direction)
-    return Phantom(geometry, torch.float32, (dx * x + dy * y + dz * z for x, y, z in slabs(geometry)))
+    return Phantom(geometry, torch.float32, (dx * x + dy * y + dz * z for x, y, z in sheet_positions(geometry)))
 
 
 def slab(

@@ -59,17 +59,17 @@ def streamed_phantom(name: str, size: Index | None = None, spacing: Vector | Non
         lengths = f"{LEAST_STEP:g} to {1 / LEAST_STEP:g}"
         raise BadInput(f"phantom {name}: a spacing of {spacing} cannot be; give three lengths of {lengths}")
     phantom = PHANTOMS[name](size, spacing, seed)
-    return phantom._replace(slabs=_by_one_thread(phantom.slabs))
+    return phantom._replace(sheets=_by_one_thread(phantom.sheets))
 
 
-def _by_one_thread(slabs: Iterator[torch.Tensor]) -> Iterator[torch.Tensor]:
-    """The slabs, too small to share: on busy cores torch's threads wait for each other many times as long.
+def _by_one_thread(sheets: Iterator[torch.Tensor]) -> Iterator[torch.Tensor]:
+    """The sheets, too few to share: on busy cores torch's threads wait for each other many times as long.
 
     How they divide a tensor would show in its last bits, too.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield from slabs
+        yield from sheets
     finally:
         torch.set_num_threads(threads)

@@ -16,7 +16,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import Phantom, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, placed_grid, sheet_positions
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
@@ -102,7 +102,7 @@ def p_orbital(size: Index | None = None, spacing: Vector | None = None, seed: in
 
 
 def _probability(geometry: Geometry, unit: float) -> Iterator[Tensor]:
-    for x, y, z in slabs(geometry):
+    for x, y, z in sheet_positions(geometry):
         rho2, height = (x * x + y * y) * unit**2, z * unit
         wave = sum(
             (c * orbital.value(rho2, height) for c, orbital in zip(bonding_coefficients(), BASIS, strict=True)),

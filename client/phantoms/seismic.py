@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, sheet_positions
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
@@ -57,7 +57,7 @@ def seismic(size: Index | None = None, spacing: Vector | None = None, seed: int 
 
 def _recorded(geometry: Geometry, scale: float, seed: int) -> Iterator[Tensor]:
     boundaries, noise = layer_boundaries(seed), SheetNoise(seed, NOISE)
-    for x, y, z in slabs(geometry):
+    for x, y, z in sheet_positions(geometry):
         traces = _traces(x / scale, y / scale, -z / scale, boundaries)
         yield traces + noise.next(*traces.shape)
 

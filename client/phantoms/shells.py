@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import torch
 
-from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, centred_geometry, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, centred_geometry, sheet_positions
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
@@ -27,7 +27,7 @@ def shells(size: Index | None = None, spacing: Vector | None = None, seed: int =
 
 def _densities(geometry: Geometry, noise: SheetNoise) -> Iterator[torch.Tensor]:
     half = [max(-start, 0.5 * step) for start, step in zip(geometry.origin, geometry.spacing, strict=True)]
-    for x, y, z in slabs(geometry):
+    for x, y, z in sheet_positions(geometry):
         radius = torch.sqrt((x / half[0]) ** 2 + (y / half[1]) ** 2 + (z / half[2]) ** 2)
         density = torch.full_like(radius, AIR)
         for middle, peak in SHELLS:

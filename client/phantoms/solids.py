@@ -7,7 +7,7 @@ from torch import Tensor
 
 from volsplat.protocol.geometry.matrices import Vector, dot, minus
 
-FAR = 1e3  # the distance given for a solid that does not reach into a slab
+FAR = 1e3  # the distance given for a solid that does not reach into some sheets
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Writes volumes, whole or not at all: NRRD slab by slab, all other formats through SimpleITK."""
+"""Writes volumes, whole or not at all: NRRD some sheets at a time, all other formats through SimpleITK."""
 
 import importlib
 import os
@@ -114,20 +114,20 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
 
 def write_nrrd(
     path: Path,
-    slabs: Iterable[torch.Tensor],
+    sheets: Iterable[torch.Tensor],
     dtype: torch.dtype,
     geometry: Geometry,
     pairs: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); only one slab is held at a time.
+    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); no more are held than come at once.
 
     `pairs` are keys and values for the header, each of one line.
     """
     check_volume_writable(path)
     with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
         file.write(_nrrd_header(path, dtype, geometry, pairs))
-        for slab in slabs:
-            file.write(slab.contiguous().numpy().data)
+        for some in sheets:
+            file.write(some.contiguous().numpy().data)
 
 
 def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry, pairs: Mapping[str, str]) -> bytes:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from volsplat.mapshade_server.held.packet_store import PacketStore
-from volsplat.mapshade_server.held.slabs import PassedBox
+from volsplat.mapshade_server.held.passed_box import PassedBox
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.patches import PLANE_ENTRIES

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
-from volsplat.mapshade_server.held.slabs import Slab, SlabReader
+from volsplat.mapshade_server.held.sheet_reader import SheetReader, Sheets
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker, StoredBlock
 from volsplat.mapshade_server.prepare.scalars import Scalars
@@ -37,8 +37,8 @@ class Threads:
     def reached(self, volume: Scalars) -> Scalars:
         return volume
 
-    def of_slabs(self, find: Callable[[Slab], Found], slabs: SlabReader) -> Iterator[Found]:
-        return ahead(find, slabs.slabs(slabs.geometry.box), self._count)
+    def of_sheets(self, find: Callable[[Sheets], Found], reader: SheetReader) -> Iterator[Found]:
+        return ahead(find, reader.sheets(reader.geometry.box), self._count)
 
     def stored_blocks(self, packer: LevelPacker, writer: StoreWriter, blocks: Sequence[Box]) -> Iterator[StoredBlock]:
         """One is stored while the others are packed."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.held.slabs import Slab, SlabReader
+from volsplat.mapshade_server.held.sheet_reader import SheetReader, Sheets
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker, StoredBlock
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.prepare.run_mark import RunMark
@@ -20,7 +20,7 @@ from volsplat.mapshade_server.prepare.survey import Found
 from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box
 
-SLABS_IN_A_TASK = 8  # of which all but the first take their halo from the one before
+READINGS_IN_A_TASK = 8  # of which all but the first take their halo from the one before
 
 
 class Machines:
@@ -37,8 +37,8 @@ class Machines:
     def reached(self, volume: Scalars) -> Scalars:
         return shared_scalars(self._volume, volume)
 
-    def of_slabs(self, find: Callable[[Slab], Found], slabs: SlabReader) -> Iterator[Found]:
-        for found in self._pool.results(SlabsTask(find, slabs), list(_parts(slabs)), self._progress.check_wanted):
+    def of_sheets(self, find: Callable[[Sheets], Found], reader: SheetReader) -> Iterator[Found]:
+        for found in self._pool.results(SheetsTask(find, reader), list(_parts(reader)), self._progress.check_wanted):
             yield from found
 
     def stored_blocks(self, packer: LevelPacker, writer: StoreWriter, blocks: Sequence[Box]) -> Iterator[StoredBlock]:
@@ -60,12 +60,12 @@ class CheckTask:
 
 
 @dataclass(frozen=True)
-class SlabsTask(Generic[Found]):
-    find: Callable[[Slab], Found]
-    slabs: SlabReader
+class SheetsTask(Generic[Found]):
+    find: Callable[[Sheets], Found]
+    reader: SheetReader
 
     def __call__(self, part: Box) -> list[Found]:
-        return [self.find(slab) for slab in self.slabs.slabs(part)]
+        return [self.find(sheets) for sheets in self.reader.sheets(part)]
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,11 @@ class StoringTask:
         return self.packer.stored(packed, self.writer)
 
 
-def _parts(slabs: SlabReader) -> Iterator[Box]:
+def _parts(reader: SheetReader) -> Iterator[Box]:
     """Whole sheets, and whole chunks of them, for a task each."""
-    ni, nj, nk = slabs.geometry.dims
-    chunk = slabs.chunk[2]
-    bytes_in_a_task = SLABS_IN_A_TASK * slabs.slab_bytes
-    sheets = max(1, bytes_in_a_task // (ni * nj * SCALAR_BYTES[slabs.scalar_type] * chunk)) * chunk
+    ni, nj, nk = reader.geometry.dims
+    chunk = reader.chunk[2]
+    bytes_in_a_task = READINGS_IN_A_TASK * reader.bytes_at_once
+    sheets = max(1, bytes_in_a_task // (ni * nj * SCALAR_BYTES[reader.scalar_type] * chunk)) * chunk
     for k in range(0, nk, sheets):
         yield Box((0, 0, k), (ni, nj, min(k + sheets, nk)))

@@ -25,7 +25,7 @@ from volsplat.mapshade_server.held.packet_store import (
     attributes_of,
     is_store,
 )
-from volsplat.mapshade_server.held.slabs import SLAB_BYTES, SlabReader
+from volsplat.mapshade_server.held.sheet_reader import BYTES_AT_ONCE, SheetReader
 from volsplat.mapshade_server.held.volume_identity import identified_volume, identity_of
 from volsplat.mapshade_server.prepare.executor import Executor, Threads
 from volsplat.mapshade_server.prepare.halving import mean_type
@@ -194,9 +194,9 @@ class Preparation:
             sheet_bytes = dims[0] * dims[1] * self._item_bytes
             sheets = max(1, (self._options.memory - PROGRAM_BYTES) // (2 * sheet_bytes))
             for k in range(0, dims[2], sheets):
-                slab = Box((0, 0, k), (dims[0], dims[1], min(k + sheets, dims[2])))
-                copy.write(slab, self._scalars.read(slab, slab))
-                self._progress.advance(slab.voxels * self._item_bytes)
+                part = Box((0, 0, k), (dims[0], dims[1], min(k + sheets, dims[2])))
+                copy.write(part, self._scalars.read(part, part))
+                self._progress.advance(part.voxels * self._item_bytes)
             journal.finish_unpacking()
         return copy
 
@@ -215,18 +215,18 @@ class Preparation:
         """Surveys the volume and begins the store."""
         geometry = self._description.geometry
         room = (self._options.memory - PROGRAM_BYTES) // (2 * (self._plan.blocks + 2))  # two of each while one is read
-        slabs = SlabReader(
+        reader = SheetReader(
             geometry,
             self._description.scalar_type,
             source.chunk,
             source.values.read,
             None if source.second is None else source.second.read,
             source.second_range,
-            slab_bytes=min(SLAB_BYTES, room),
+            bytes_at_once=min(BYTES_AT_ONCE, room),
         )
         brick = self._options.layout.brick
         try:
-            surveyed = survey_volume(slabs, self._description, brick, executor, self._item_bytes, self._progress)
+            surveyed = survey_volume(reader, self._description, brick, executor, self._item_bytes, self._progress)
         except BadInput:
             journal.withdraw()
             raise

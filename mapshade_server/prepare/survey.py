@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.held.slabs import Slab, SlabReader
+from volsplat.mapshade_server.held.sheet_reader import SheetReader, Sheets
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.protocol.description.block_extremes import BlockExtremes
@@ -58,14 +58,14 @@ class Surveyed:
 
 
 class _Looked(NamedTuple):
-    """What is found out of one slab at first."""
+    """What is found out of some sheets at first."""
 
     survey: Survey
     sampled: NDArray[np.generic]
 
 
 class _Counted(NamedTuple):
-    """What is found out of one slab once the extremes of all are known."""
+    """What is found out of some sheets once the extremes of all are known."""
 
     voxels: int
     density: Counts
@@ -74,25 +74,25 @@ class _Counted(NamedTuple):
 
 
 class Surveyor(Protocol):
-    """Who goes through all slabs."""
+    """Who goes through all sheets."""
 
-    def of_slabs(self, find: Callable[[Slab], Found], slabs: SlabReader) -> Iterator[Found]:
-        """What is found out of each, in any order."""
+    def of_sheets(self, find: Callable[[Sheets], Found], reader: SheetReader) -> Iterator[Found]:
+        """What is found out of those that are read at once, in any order."""
         ...
 
 
 def survey_volume(
-    slabs: SlabReader, told: VolumeDescription, brick: int, surveyor: Surveyor, item_bytes: int, progress: Progress
+    reader: SheetReader, told: VolumeDescription, brick: int, surveyor: Surveyor, item_bytes: int, progress: Progress
 ) -> Surveyed:
     """Has the volume read twice, or more often if a few values lie far from all others.
 
     Raises BadInput, also if no voxel has a value.
     """
-    whole = slabs.geometry.box
+    whole = reader.geometry.box
     progress.begin("surveying", whole.voxels * item_bytes)
     survey = Survey(low=math.inf, high=-math.inf, max_gradient=0.0, voxels=0, no_data=0)
     sampled: list[NDArray[np.generic]] = []
-    for looked in surveyor.of_slabs(partial(_looked, brick), slabs):
+    for looked in surveyor.of_sheets(partial(_looked, brick), reader):
         survey = survey.joined(looked.survey)
         sampled.append(looked.sampled)
         progress.advance(looked.survey.voxels * item_bytes)
@@ -101,7 +101,7 @@ def survey_volume(
 
     commonest = _commonest(np.concatenate(sampled))
     while True:
-        surveyed = _counted_all(survey, slabs, surveyor, item_bytes, progress, commonest)
+        surveyed = _counted_all(survey, reader, surveyor, item_bytes, progress, commonest)
         counts = surveyed.density_counts.tolist()
         narrower = index_rules.narrowed(survey, counts, surveyed.extremes, told.scalar_type, told.kind)
         if narrower is None:
@@ -111,16 +111,16 @@ def survey_volume(
 
 def _counted_all(
     survey: Survey,
-    slabs: SlabReader,
+    reader: SheetReader,
     surveyor: Surveyor,
     item_bytes: int,
     progress: Progress,
     commonest: NDArray[np.generic] | None,
 ) -> Surveyed:
-    progress.begin("counting", slabs.geometry.box.voxels * item_bytes)
+    progress.begin("counting", reader.geometry.box.voxels * item_bytes)
     density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
-    extremes = BlockExtremes.nothing(slabs.geometry.dims)
-    for counted in surveyor.of_slabs(partial(_counted, survey), slabs):
+    extremes = BlockExtremes.nothing(reader.geometry.dims)
+    for counted in surveyor.of_sheets(partial(_counted, survey), reader):
         density += counted.density
         strength += counted.strength
         extremes = extremes.joined(counted.extremes)
@@ -128,15 +128,15 @@ def _counted_all(
     return Surveyed(survey, density, strength, commonest, extremes)
 
 
-def _looked(brick: int, slab: Slab) -> _Looked:
-    corners = tuple(slice(-low % brick, None, brick) for low in slab.box.low)[::-1]
-    return _Looked(slab.sub_cube.survey(), slab.values[corners].flatten())  # a copy: a view would keep the slab
+def _looked(brick: int, sheets: Sheets) -> _Looked:
+    corners = tuple(slice(-low % brick, None, brick) for low in sheets.box.low)[::-1]
+    return _Looked(sheets.sub_cube.survey(), sheets.values[corners].flatten())  # a copy: a view would keep them all
 
 
-def _counted(survey: Survey, slab: Slab) -> _Counted:
+def _counted(survey: Survey, sheets: Sheets) -> _Counted:
     ranges = survey.ranges
-    found = slab.sub_cube.histograms(ranges.low, ranges.high, ranges.max_gradient)
-    return _Counted(slab.box.voxels, np.asarray(found.density), np.asarray(found.strength), found.extremes)
+    found = sheets.sub_cube.histograms(ranges.low, ranges.high, ranges.max_gradient)
+    return _Counted(sheets.box.voxels, np.asarray(found.density), np.asarray(found.strength), found.extremes)
 
 
 def _commonest(values: NDArray[np.generic]) -> NDArray[np.generic] | None:

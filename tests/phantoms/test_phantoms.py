@@ -60,7 +60,7 @@ def test_size_and_spacing_are_those_asked_for(name: str, size: Index, spacing: t
 def test_a_phantom_does_not_depend_on_how_much_is_made_at_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     size = (20, 22, 18)
     whole = make_phantom(name, size)[0]
-    monkeypatch.setattr(centred_grid, "SLAB_VOXELS", 3 * size[0] * size[1])
+    monkeypatch.setattr(centred_grid, "VOXELS_AT_ONCE", 3 * size[0] * size[1])
     assert torch.equal(make_phantom(name, size)[0], whole)
 
 
@@ -77,7 +77,7 @@ def test_large_shells_are_made_within_little_more_than_their_own_memory() -> Non
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     values = make_phantom("shells", (256, 256, 256))[0]
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * (1 if sys.platform == "darwin" else 1024)
-    assert grown < values.nbytes + 40 * centred_grid.SLAB_VOXELS
+    assert grown < values.nbytes + 40 * centred_grid.VOXELS_AT_ONCE
 
 
 def test_a_phantom_is_written_to_nrrd_within_less_than_its_own_memory(tmp_path: Path) -> None:
@@ -99,11 +99,11 @@ sys.path.insert(0, sys.argv[3])
 from support.programs.little_memory import little_memory
 from volsplat.client.phantoms import streamed_phantom
 from volsplat.client.phantoms.volume_writer import write_nrrd
-for warming in streamed_phantom("shells", (256, 256, 1)).slabs:
+for warming in streamed_phantom("shells", (256, 256, 1)).sheets:
     pass
 made = streamed_phantom("shells", (256, 256, 512))
 with little_memory(int(sys.argv[2])):
-    write_nrrd(Path(sys.argv[1]), made.slabs, made.dtype, made.geometry)
+    write_nrrd(Path(sys.argv[1]), made.sheets, made.dtype, made.geometry)
 """
 
 

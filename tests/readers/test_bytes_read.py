@@ -20,7 +20,7 @@ from volsplat.client.coordinator.shares.sub_cubes import divided
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.level_columns import ROW, columns_of
-from volsplat.mapshade_server.held.slabs import SlabReader
+from volsplat.mapshade_server.held.sheet_reader import SheetReader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.executor import Threads
@@ -124,14 +124,14 @@ def test_prepare_reads_a_file_in_rows_three_times(tmp_path: Path) -> None:
     assert 3.0 < taken[1] < 3.0 + means + 2 * halo
 
 
-def test_a_survey_keeps_no_slab() -> None:
-    """Slabs thinner than a brick: of most of them no voxel is looked at for the background.
+def test_a_survey_keeps_no_sheets() -> None:
+    """Fewer at a time than a brick has: of most of them no voxel is looked at for the background.
 
     They are wide and few, since what is known of the volume's blocks is traced anew with each.
     """
     geometry = Geometry((512, 512, 128))
-    reader = SlabReader(
-        geometry, "uint8", (512, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), slab_bytes=8 * 512 * 512
+    reader = SheetReader(
+        geometry, "uint8", (512, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), bytes_at_once=8 * 512 * 512
     )
     told = VolumeDescription(name="zeros", format="raw", geometry=geometry, scalar_type="uint8")
     tracemalloc.start()

@@ -39,7 +39,7 @@ def test_boxes_in_any_order_give_their_voxels(ranges: list[list[int]], zipped: P
         assert (voxels.read(Box((3, 4, low), (33, 24, high))) == VALUES[low:high, 4:24, 3:33]).all()
 
 
-def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sheets_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(unpacked_stream, "PACKED_CHUNK_BYTES", 512)
     unpacked = 0
 
@@ -56,8 +56,8 @@ def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: 
 
     monkeypatch.setattr(stored_voxels, "UnpackedStream", Counting)
     voxels = voxels_in(zipped)
-    slabs = [voxels.read(Box((0, 0, k), (40, 30, k + 5))) for k in range(0, 20, 5)]
-    assert (np.concatenate(slabs) == VALUES).all()
+    sheets = [voxels.read(Box((0, 0, k), (40, 30, k + 5))) for k in range(0, 20, 5)]
+    assert (np.concatenate(sheets) == VALUES).all()
     assert unpacked == VALUES.nbytes + 4
 
 

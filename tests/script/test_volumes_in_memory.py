@@ -275,7 +275,7 @@ def test_sides_that_a_nifti_image_does_not_state_are_not_made_up() -> None:
 def test_chunks_of_sheets_are_computed_once_though_they_exceed_what_is_copied_at_a_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(shared_memory, "SLAB_BYTES", 2 * VALUES[0].nbytes)
+    monkeypatch.setattr(shared_memory, "BYTES_AT_ONCE", 2 * VALUES[0].nbytes)
     computed: list[int] = []
 
     def compute(block: Any) -> Any:

@@ -15,7 +15,7 @@ from support.files.head_volume import SIZE, skin
 from support.programs.hand_started import joined_by_hand
 from support.programs.server_processes import is_server
 from volsplat.client import Session
-from volsplat.client.coordinator.lending import slabs
+from volsplat.client.coordinator.lending import parts_of
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
@@ -114,8 +114,8 @@ def test_what_comes_in_parts_is_what_is_read_at_once() -> None:
     awaited = AwaitedParts(AwaitParts(1, reader.describe(), boxes))
     for n, box in enumerate(boxes):
         for scalar, of_scalar in enumerate((box.grown(HALO, geometry.dims), box)):
-            for slab in slabs(of_scalar, 20):
-                part = Part(server=2, sub_cube=n, scalar=scalar, scalar_type=loan.scalar_types[scalar], box=slab)
+            for place in parts_of(of_scalar, 20):
+                part = Part(server=2, sub_cube=n, scalar=scalar, scalar_type=loan.scalar_types[scalar], box=place)
                 assert not awaited.complete
                 awaited.take(part, memoryview(bytearray(loan.part(part))))
     assert awaited.complete
@@ -155,9 +155,9 @@ def test_no_voxel_is_counted_twice_nor_left_out(parts: list[Box]) -> None:
 
 
 @given(st.tuples(*[st.integers(1, 12)] * 3), st.integers(1, 300))
-def test_slabs_partition_a_box_and_keep_the_limit(size: tuple[int, int, int], limit: int) -> None:
+def test_parts_partition_a_box_and_keep_the_limit(size: tuple[int, int, int], limit: int) -> None:
     box = Box((1, 2, 3), (1 + size[0], 2 + size[1], 3 + size[2]))
-    cut = slabs(box, limit)
-    assert sum(slab.voxels for slab in cut) == box.voxels
-    assert all(1 <= slab.voxels <= limit for slab in cut)
-    assert len({slab.low for slab in cut}) == len(cut)
+    cut = parts_of(box, limit)
+    assert sum(part.voxels for part in cut) == box.voxels
+    assert all(1 <= part.voxels <= limit for part in cut)
+    assert len({part.low for part in cut}) == len(cut)

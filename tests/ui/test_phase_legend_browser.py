@@ -26,7 +26,7 @@ __all__ = ["browser", "browser_page"]
 def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewed]:
     path: Path = tmp_path_factory.mktemp("volume") / "factors.nrrd"
     made = streamed_phantom("structure-factors", (16, 16, 16))
-    write_nrrd(path, made.slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
+    write_nrrd(path, made.sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
     with viewed(path.parent, path, "--workers", "1") as running:
         yield running
 

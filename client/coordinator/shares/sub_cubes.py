@@ -69,9 +69,9 @@ class _Division(NamedTuple):
         if not any(min(sizes) > 1 for sizes in zip(box.size, even.size, strict=True)):
             even = box
         axis, half = self._axis(box, even), len(shares) // 2
-        slab = box.voxels // box.size[axis]
+        layer = box.voxels // box.size[axis]
         at = self._place(box, axis, shares[:half], shares[half:])
-        room_below, room_above = (at - box.low[axis]) * slab, (box.high[axis] - at) * slab
+        room_below, room_above = (at - box.low[axis]) * layer, (box.high[axis] - at) * layer
         below = min(max(half, len(shares) - room_above), room_below)  # no more shares than voxels on either side
         even_at = even.low[axis] + _within(even, axis, round(even.size[axis] * half / len(shares)))
         (lower, upper), (even_lower, even_upper) = box.cut(axis, at), even.cut(axis, even_at)
@@ -90,10 +90,10 @@ class _Division(NamedTuple):
 
     def _place(self, box: Box, axis: int, below: Sequence[Share], above: Sequence[Share]) -> int:
         """Where on an axis the box is cut between those who get what is below and above."""
-        low, slab = box.low[axis], box.voxels // box.size[axis]
+        low, layer = box.low[axis], box.voxels // box.size[axis]
         speeds = [sum(share.speed for share in side) for side in (below, above)]
         cut = round(_reached(self.work.along(box, axis), low, speeds[0] / sum(speeds)) - low)
-        least, most = box.size[axis] - _room(above) // slab, _room(below) // slab
+        least, most = box.size[axis] - _room(above) // layer, _room(below) // layer
         return low + _within(box, axis, min(max(cut, least), most) if least <= most else cut)
 
 

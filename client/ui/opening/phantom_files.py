@@ -56,13 +56,13 @@ class PhantomFiles:
             from volsplat.client.phantoms.volume_writer import write_nrrd
 
             made = streamed_phantom(name)
-            slabs = _until(given_up, made.slabs)
-            write_nrrd(path, slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
+            sheets = _until(given_up, made.sheets)
+            write_nrrd(path, sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
         return str(path)
 
 
-def _until(given_up: Callable[[], bool], slabs: Iterator[Tensor]) -> Iterator[Tensor]:
-    for slab in slabs:
+def _until(given_up: Callable[[], bool], sheets: Iterator[Tensor]) -> Iterator[Tensor]:
+    for some in sheets:
         if given_up():
             raise BadInput(GIVEN_UP)
-        yield slab
+        yield some

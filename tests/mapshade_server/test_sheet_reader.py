@@ -1,4 +1,4 @@
-"""Slabs: they partition a box, hold what a sub-cube would, and have every sheet read once."""
+"""Sheets read at once: they partition a box, hold what a sub-cube would, and have every sheet read once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.prepared import SKEWED, values_of
-from volsplat.mapshade_server.held.slabs import PassedBox, SlabReader
+from volsplat.mapshade_server.held.passed_box import PassedBox
+from volsplat.mapshade_server.held.sheet_reader import SheetReader
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, Geometry, Index
@@ -31,9 +32,9 @@ class Counted:
         return self._values[where].copy()
 
 
-@given(dims=indices, chunk=st.tuples(*[st.integers(1, 6)] * 3), slab_bytes=st.integers(1, 4000), data=st.data())
-def test_slabs_partition_a_box_and_hold_what_sub_cubes_do(
-    dims: Index, chunk: Index, slab_bytes: int, data: st.DataObject
+@given(dims=indices, chunk=st.tuples(*[st.integers(1, 6)] * 3), bytes_at_once=st.integers(1, 4000), data=st.data())
+def test_sheets_partition_a_box_and_hold_what_sub_cubes_do(
+    dims: Index, chunk: Index, bytes_at_once: int, data: st.DataObject
 ) -> None:
     geometry, values = Geometry(dims, SKEWED), values_of("float32", dims)
     ends = [sorted(data.draw(st.tuples(st.integers(0, n), st.integers(0, n)))) for n in dims]
@@ -41,7 +42,7 @@ def test_slabs_partition_a_box_and_hold_what_sub_cubes_do(
         *((min(a, n - 1), max(b, min(a, n - 1) + 1)) for (a, b), n in zip(ends, dims, strict=True)), strict=True
     )
     box = Box(low, high)
-    passed = PassedBox(SlabReader(geometry, "float32", chunk, Counted(values).read, slab_bytes=slab_bytes), box)
+    passed = PassedBox(SheetReader(geometry, "float32", chunk, Counted(values).read, bytes_at_once=bytes_at_once), box)
     held = SubCube.of_volume(geometry, values, box)
     survey = held.survey()
     assert passed.survey() == survey
@@ -60,9 +61,9 @@ def test_every_sheet_is_read_once_and_chunks_are_never_cut(dims: Index, thick: i
         asked[box.low[2] % thick] += 1
         return volume.read(box)
 
-    reader = SlabReader(
-        Geometry(dims), "uint8", (dims[0], 1, thick), read, slab_bytes=dims[0] * dims[1] * sheets * thick
+    reader = SheetReader(
+        Geometry(dims), "uint8", (dims[0], 1, thick), read, bytes_at_once=dims[0] * dims[1] * sheets * thick
     )
-    slabs = list(reader.slabs(Geometry(dims).box))
+    readings = list(reader.sheets(Geometry(dims).box))
     assert (volume.times == 1).all() and set(asked) == {0}
-    assert max(slab.values.nbytes for slab in slabs) <= dims[0] * dims[1] * (sheets + 1) * thick
+    assert max(sheets.values.nbytes for sheets in readings) <= dims[0] * dims[1] * (sheets + 1) * thick
