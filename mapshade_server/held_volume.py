@@ -27,13 +27,12 @@ from volsplat.mapshade_server.held.volume_identity import (
 from volsplat.mapshade_server.held.wanted_reader import GivenUp, WantedReader
 from volsplat.mapshade_server.parts_ahead import PartsAhead
 from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.handlers import handlers, takes
-from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.text.errors import BadInput
 
 NO_PAYLOAD = memoryview(b"")
@@ -107,31 +106,26 @@ class HeldVolume:
         return self._levels[level]
 
     def sub_cubes_asked(self, request: messages.RenderFrame | OfVoxels) -> list[SubCube]:
-        """Those that a request is about. Raises BadInput if they are not held, or not as it says."""
+        """Those that a request is about.
+
+        Raises BadInput if they are not held, have another grid, or end before the bounds of what is drawn.
+        """
         if isinstance(request, messages.RenderFrame | messages.SumDepths):
             self.check(request.assignment, f"frame {request.frame}")
         else:
             self.check(request.assignment, f"probe {request.probe}")
-        match request:
-            case messages.CountPlane():
-                return self.sub_cubes(request.level)
-            case messages.ProbeVoxels():
-                plan = request.line.plan
-            case _:
-                plan = request.plan
-        return self.sub_cubes_drawn(request.level, request.geometry, plan)
+        if isinstance(request, messages.CountPlane):
+            return self.sub_cubes(request.level)
+        return self._sub_cubes_drawn(request.drawing)
 
-    def sub_cubes_drawn(self, level: int, geometry: Geometry, plan: FramePlan) -> list[SubCube]:
-        """Those of a level, as a plan draws it; `geometry` is the volume's.
-
-        Raises BadInput if it is not held, has another grid, or ends before the plan's bounds.
-        """
-        sub_cubes, dims = self.sub_cubes(level), dims_at_level(geometry.dims, plan.factors)
+    def _sub_cubes_drawn(self, drawing: Drawing) -> list[SubCube]:
+        level, bounds, dims = drawing.level, drawing.plan.bounds, drawing.dims
+        sub_cubes = self.sub_cubes(level)
         for sub_cube in sub_cubes:
             if sub_cube.geometry.dims != dims:
                 raise BadInput(f"level {level} has {sub_cube.geometry.dims} voxels, not {dims}")
-        if not plan.bounds.within(Box((0, 0, 0), dims)):
-            raise BadInput(f"the frame's bounds reach to {plan.bounds.high}, but level {level} has {dims} voxels")
+        if not bounds.within(Box((0, 0, 0), dims)):
+            raise BadInput(f"the frame's bounds reach to {bounds.high}, but level {level} has {dims} voxels")
         return sub_cubes
 
     # -- from values

@@ -274,7 +274,7 @@ class SplatServer:
         self._reached_told, self._lost = (0, 0), []
         self._drawing = False
         self._assembly = self._block = None
-        assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
+        assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
         regions = regions_of(request.regions, self._client.id)
         block = self._outbox.images.target(assembly.published_bytes(regions))
         sources = sum(request.workers.values())

@@ -32,20 +32,21 @@ class Slabs(NamedTuple):
 
 def slabs_of(request: RenderFrame) -> Slabs | None:
     """None where the frame is not one of slabs. Raises BadInput for kernels larger than any image."""
-    plan, slabs = request.plan, request.plan.slabs
+    drawing, plan, shading = request.drawing, request.drawing.plan, request.drawing.shading
+    slabs = plan.slabs
     if slabs is None:
         return None
-    geometry, ellipsoid = request.geometry, (slabs.amplitude, slabs.form, slabs.half_extents)
+    geometry, ellipsoid = drawing.geometry, (slabs.amplitude, slabs.form, slabs.half_extents)
     table = slab_table(slabs.kernel, slabs.radius, *ellipsoid, slabs.offset_bits)
     axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
     dims, factors = geometry.dims, plan.factors
     kernel = _kernels.Slabs(
         table=table,
-        scene=_scene(request.shading),
+        scene=_scene(shading),
         grid=_kernels.SlabGrid(
             gradient=slabs.gradient,
             axes=axes,
-            strength=_strength_scale(request.quantisation),
+            strength=_strength_scale(drawing.quantisation),
             screen_bytes=[
                 [dda.origin / FIXED_ONE, *(2 * step / FIXED_ONE for step in dda.half_steps)]
                 for dda in plan.screen_index
@@ -61,7 +62,7 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
         bounds=(slabs.low, slabs.high),
         light=_light(request),
         **_passed(request),
-        plane=_plane(request.shading.patches) if request.shading.patches else None,
+        plane=_plane(shading.patches) if shading.patches else None,
     )
     slices = 2 * slabs.before + 2
     pixels_per_packet = slices * min(table.width, plan.width) * min(table.height, plan.height)
@@ -89,18 +90,18 @@ def _light(request: RenderFrame) -> _kernels.SlabLight:
     blocks = request.light
     size = (1, 1, 1) if blocks is None else blocks.size
     shares = (0.0, 0.0) if blocks is None else (blocks.shadows, blocks.occlusion)
-    return _kernels.SlabLight(
-        size=size, to_blocks=to_blocks(request.geometry, request.plan.factors, size), shares=shares
-    )
+    to_grid = to_blocks(request.drawing.geometry, request.drawing.plan.factors, size)
+    return _kernels.SlabLight(size=size, to_blocks=to_grid, shares=shares)
 
 
 def _passed(request: RenderFrame) -> dict[str, _kernels.PassedLight | None]:
     """What light comes through, if it is dimmed at all."""
     if request.light is None:
         return {"lamp": None, "sky": None}
-    geometry, factors = request.geometry, request.plan.factors
+    drawing = request.drawing
+    geometry, factors, light = drawing.geometry, drawing.plan.factors, drawing.shading.lighting.light
     return {
-        "lamp": _passed_light(request.light, (request.shading.lighting.light,), geometry, factors),
+        "lamp": _passed_light(request.light, (light,), geometry, factors),
         "sky": _passed_light(request.light, SKY, geometry, factors),
     }
 

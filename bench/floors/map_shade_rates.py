@@ -17,9 +17,9 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ColourTable, Image, Order, ScalarTable, Scene, Step, Tables, View
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.shading_rule import shading_rule
 
 QUANTISATION = Quantisation(window=(0.0, 1.0), strength_scale=100.0)
 VISIBLE = 0.065  # of the voxels, as in the figure that the floor was measured at
@@ -89,7 +89,7 @@ class PackedVolume:
     def walk(self, scene: Scene) -> int:
         """Map and shade one frame; the packets that it sent."""
         plan = plan_frame(scene, self.geometry, Step.F)
-        [walker] = FrameWalk([self.sub_cube], self.geometry, QUANTISATION, shading_rule(scene, Step.F), plan).walkers
+        [walker] = FrameWalk([self.sub_cube], Drawing.of(scene, plan, self.geometry, QUANTISATION)).walkers
         sent = 0
         while (batch := walker.next_batch()) is not None:
             sent += batch.packet_count

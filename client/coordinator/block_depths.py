@@ -9,8 +9,7 @@ from typing import Any
 from volsplat.protocol.description.patches import colourless
 from volsplat.protocol.description.scene import SCREEN_FIELDS, Light, Scene, Step
 from volsplat.protocol.description.volume import Index
-from volsplat.protocol.messages.frame_messages import DepthsSummed, FrameDrawn, RenderFrame, SumDepths
-from volsplat.protocol.rules.levels import dims_at_level
+from volsplat.protocol.messages.frame_messages import DepthsSummed, RenderFrame, SumDepths
 from volsplat.protocol.rules.light_blocks import (
     DEPTH_BYTES,
     DEPTH_UNIT,
@@ -53,7 +52,7 @@ class BlockDepths:
         if key == self._key and (not self._pending or (self._asked and self._asked.frame == frame.frame)):
             return []
         self._key, self._pending, self._sums = key, set(holders), None
-        self._asked = SumDepths(*(getattr(frame, field) for field in FrameDrawn.__struct_fields__))
+        self._asked = SumDepths(frame.frame, frame.assignment, frame.drawing)
         return [(server, self._asked) for server in sorted(holders)]
 
     def take(self, server: int, message: DepthsSummed, payload: bytes | memoryview) -> None:
@@ -65,19 +64,19 @@ class BlockDepths:
             return
         if server not in self._pending:
             return
-        dims = light_block_dims(_dims(asked))
+        dims = light_block_dims(asked.drawing.dims)
         if message.blocks != dims:
             raise RemoteProtocolError(f"it summed the depths of {message.blocks} blocks, not of {dims}")
         sums = np.frombuffer(payload, "<u8")
         self._sums = sums if self._sums is None else self._sums + sums
         self._pending.discard(server)
         if not self._pending:
-            self._depths = _means(self._sums, _dims(asked))
+            self._depths = _means(self._sums, asked.drawing.dims)
 
     def blocks(self, light: Light) -> LightBlocks:
         """Once they are known."""
         assert self._asked is not None and not self._pending
-        dims = _dims(self._asked)
+        dims = self._asked.drawing.dims
         size, blocks = light_block_size(dims), light_block_dims(dims)
         return LightBlocks(size, blocks, self._depths, light.shadows, light.occlusion)
 
@@ -98,14 +97,10 @@ def _means(sums: Any, dims: Index) -> bytes:
     return told
 
 
-def _dims(asked: SumDepths) -> Index:
-    return dims_at_level(asked.geometry.dims, asked.plan.factors)
-
-
 def _key(frame: RenderFrame) -> object:
     """All that depths depend on."""
-    shading, fields = frame.shading, (frame.shading.cross_bar.opac, frame.shading.cross_bar.modu)
-    on_screen = frame.plan.screen_index if any(field in SCREEN_FIELDS for field in fields) else None
-    drawn = box_drawn(frame.plan)
+    drawing, shading = frame.drawing, frame.drawing.shading
+    fields = (shading.cross_bar.opac, shading.cross_bar.modu)
+    on_screen = drawing.plan.screen_index if any(field in SCREEN_FIELDS for field in fields) else None
     opacity = (shading.opac, shading.modu, fields, colourless(shading.patches))
-    return (frame.assignment, frame.level, frame.quantisation, opacity, drawn, on_screen)
+    return (frame.assignment, drawing.level, drawing.quantisation, opacity, box_drawn(drawing.plan), on_screen)

@@ -6,10 +6,10 @@ from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
-from volsplat.protocol.rules.shading_rule import shading_rule
 
 MUCH_HIDDEN = 0.25  # of the packets that were sent
 PACED_FRAMES = 16  # then one that is not paced shows how much is hidden now
@@ -33,7 +33,7 @@ class HiddenShare:
         """Take what the splat servers of a finished frame report."""
         if request.paced:
             self._paced -= 1
-        if request.paced or not request.plan.hides:
+        if request.paced or not request.drawing.plan.hides:
             return
         packets = sum(one.packets for one in stats.values())
         hidden = sum(one.hidden_packets for one in stats.values())
@@ -62,11 +62,7 @@ def frame_request(
     return messages.RenderFrame(
         frame=frame,
         assignment=assignment,
-        plan=plan,
-        shading=shading_rule(scene, step),
-        geometry=geometry,
-        quantisation=quantisation,
-        level=resolution.level,
+        drawing=Drawing.of(scene, plan, geometry, quantisation, resolution.level),
         workers=workers,
         regions=shares.regions(plan, owners),
         exact=exact,

@@ -15,15 +15,16 @@ from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.plane_messages import CountPlane, PlaneCounted
 from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.line_of_sight import line_of_sight, sight_plan
 from volsplat.protocol.rules.slice_plane import level_plane
+from volsplat.protocol.rules.traversal import Traversal
 from volsplat.protocol.text.errors import BadInput
 
 Asked = ProbeAsked | SliceAsked | PlaneAsked
@@ -59,29 +60,29 @@ class PointProbe:
     """The front-most visible voxel at a point of the image."""
 
     asked: ProbeAsked
-    line: LineOfSight
+    traversal: Traversal
     pending: set[int] | None = None
     voxels: list[ProbedVoxel] = field(default_factory=list)
 
     @classmethod
     def of(cls, asked: ProbeAsked, geometry: Geometry) -> PointProbe:
         """Of a scene that is settled. Raises ValueError if it does not fit the volume."""
-        return cls(asked, line_of_sight(asked.scene, geometry, asked.x, asked.y))
+        plan = sight_plan(asked.scene, geometry)
+        line_of_sight(asked.scene, geometry, asked.x, asked.y).check(plan)
+        return cls(asked, plan.traversal)
 
     @property
     def found(self) -> ProbedVoxel | None:
-        return min(self.voxels, key=lambda voxel: self.line.place(voxel.index), default=None)
+        return min(self.voxels, key=lambda voxel: self.traversal.place(voxel.index), default=None)
 
     def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ProbeVoxels:
-        geometry, resolution = holding.description.geometry, holding.finest()
+        asked, geometry, resolution = self.asked, holding.description.geometry, holding.finest()
+        plan = sight_plan(asked.scene, geometry, resolution)
         return ProbeVoxels(
-            probe=self.asked.probe,
+            probe=asked.probe,
             assignment=holding.assignment,
-            line=line_of_sight(self.asked.scene, geometry, self.asked.x, self.asked.y, resolution),
-            shading=shading_rule(self.asked.scene, Step.F),
-            geometry=geometry,
-            quantisation=packed_by,
-            level=resolution.level,
+            line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
+            drawing=Drawing.of(asked.scene, plan, geometry, packed_by, resolution.level),
         )
 
     def answered_by(self, message: Message) -> bool:
@@ -125,11 +126,7 @@ class SliceProbe:
             probe=self.asked.probe,
             assignment=holding.assignment,
             plane=plane,
-            plan=plan,
-            shading=shading_rule(self.asked.scene, Step.F),
-            geometry=geometry,
-            quantisation=packed_by,
-            level=resolution.level,
+            drawing=Drawing.of(self.asked.scene, plan, geometry, packed_by, resolution.level),
         )
 
     def answered_by(self, message: Message) -> bool:

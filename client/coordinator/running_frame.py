@@ -60,7 +60,7 @@ class RunningFrame:
         return min(1.0 if self.done(server) else self.shares_done.get(server, 0.0) for server in self.rectangles)
 
     def start(self, request: RenderFrame, why_level: str) -> None:
-        plan, regions = request.plan, request.regions
+        plan, regions = request.drawing.plan, request.regions
         servers = dict.fromkeys(region.server for region in regions)
         self.request, self.why_level = request, why_level
         self.rectangles = {server: rectangle_of(plan, lines_of(regions, server)) for server in servers}
@@ -95,7 +95,8 @@ class RunningFrame:
         if self.request is None or not self.drawn or self.map_shade.keys() != boxes.keys():
             return None
         voxels = {server: sum(box.voxels for box in held) for server, held in boxes.items()}
-        outcome = FrameOutcome(self.map_shade, self.splat, missing, healing, self.request.level, self.why_level, voxels)
+        level = self.request.drawing.level
+        outcome = FrameOutcome(self.map_shade, self.splat, missing, healing, level, self.why_level, voxels)
         return self._image(complete=True, outcome=outcome)
 
     def _image(

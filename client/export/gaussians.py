@@ -56,7 +56,7 @@ def write_gaussians(
         on_progress(done / sheets)
     _check_count(count)
     to_physical = np.array(voxels.level.index_to_physical)
-    geometry = voxels.fields.geometry
+    geometry = voxels.fields.drawing.geometry
     local = local_origin(single.volume.description.geometry)
     origin = np.array(voxels.level.origin) - np.array(local)
     scales, rotation = ellipsoid(every * to_physical)

@@ -79,9 +79,9 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
@@ -273,8 +273,8 @@ class SingleProcess:
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        fields = VoxelFields(geometry, rules, shading_rule(scene, Step.F), plan, mixture_of(sub_cubes))
-        return VoxelSheets(sub_cubes, fields, resolution.geometry, every)
+        drawing = Drawing.of(scene, plan, geometry, rules, resolution.level)
+        return VoxelSheets(sub_cubes, VoxelFields(drawing, mixture_of(sub_cubes)), resolution.geometry, every)
 
     def _drawn(self, begun: _Begun, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one. Raises Superseded."""
@@ -343,20 +343,12 @@ class SingleProcess:
             )
             if need_depths(scene, step):
                 request = self._lit(request, scene)
-            assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
+            assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
         except ValueError as error:
             raise BadInput(str(error)) from error
         self._say(f"step {step}")
-        walk = FrameWalk(
-            self._held.sub_cubes(resolution.level),
-            geometry,
-            packing.quantisation,
-            request.shading,
-            request.plan,
-            assembly.closed_tiles,
-            request.regions,
-            walkers=None,
-        )
+        sub_cubes = self._held.sub_cubes(resolution.level)
+        walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=None)
         assembly.begin(request.regions, 0, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return _Begun(step, request, assembly, at=began, planned=time.perf_counter())
 
@@ -389,7 +381,7 @@ class SingleProcess:
             machine=splat.machine,
         )
         self._shares.measured(request, {WORKER: splat})
-        return FrameOutcome({WORKER: walk}, {WORKER: splat}, level=request.level, why_level=self.why_level)
+        return FrameOutcome({WORKER: walk}, {WORKER: splat}, level=request.drawing.level, why_level=self.why_level)
 
     def _packed(self, scene: Scene, step: Step) -> Packing:
         """Have the packets held that the step is drawn from."""

@@ -11,7 +11,6 @@ from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.messages import messages
-from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.light_blocks import (
     LEAST_THROUGH,
     SUM_UNIT,
@@ -26,18 +25,16 @@ Depths = NDArray[np.uint64]
 
 def depths_summed(request: messages.SumDepths, sub_cubes: Sequence[SubCube]) -> tuple[messages.DepthsSummed, bytes]:
     """The answer to a request, with its payload."""
-    fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan)
-    dims = dims_at_level(request.geometry.dims, request.plan.factors)
-    sums = summed_depths(sub_cubes, fields, dims)
-    return messages.DepthsSummed(request.frame, request.assignment, light_block_dims(dims)), sums.astype(
-        "<u8"
-    ).tobytes()
+    dims = request.drawing.dims
+    sums = summed_depths(sub_cubes, VoxelFields(request.drawing), dims)
+    summed = messages.DepthsSummed(request.frame, request.assignment, light_block_dims(dims))
+    return summed, sums.astype("<u8").tobytes()
 
 
 def summed_depths(sub_cubes: Sequence[SubCube], fields: VoxelFields, dims: Index) -> Depths:
     """Of each block of a level of `dims` voxels (k, j, i) the sum over its voxels that are drawn and held here."""
     total = np.zeros(light_block_dims(dims)[::-1], np.uint64)
-    size, drawn = light_block_size(dims), box_drawn(fields.plan)
+    size, drawn = light_block_size(dims), box_drawn(fields.drawing.plan)
     for cube in sub_cubes:
         rest = cube.box.common(drawn)
         while rest is not None:

@@ -6,57 +6,45 @@ from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.frames.shading_tables import OpacityRule, opacity_rule
 from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
 from volsplat.protocol.description.scene import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
-from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import ProbedVoxel
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
-from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
 from volsplat.protocol.rules.levels import index_in_volume
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
-from volsplat.protocol.rules.shading_rule import ShadingRule
 
 FieldByte = Callable[[Index, int], int]  # of the voxel at this index with this packet
 
 
-def front_most(
-    sub_cubes: Sequence[SubCube],
-    geometry: Geometry,
-    quantisation: Quantisation,
-    shading: ShadingRule,
-    line: LineOfSight,
-) -> ProbedVoxel | None:
-    """The front-most voxel under the line's point that is not transparent, from sub-cubes packed by these rules.
+def front_most(sub_cubes: Sequence[SubCube], drawing: Drawing, line: LineOfSight) -> ProbedVoxel | None:
+    """The front-most voxel under the line's point that is not transparent.
 
-    `geometry` is the volume's, and so is the answer's index; the sub-cubes are boxes of the level of the line.
+    The answer's index is the volume's; the sub-cubes are boxes of the level that is drawn.
     """
-    is_visible = _visible_voxels(geometry, quantisation, opacity_rule(shading, mixture_of(sub_cubes)), line)
+    is_visible = _visible_voxels(drawing, opacity_rule(drawing.shading, mixture_of(sub_cubes)))
     found = []
     for cube in sub_cubes:
         packets, (i0, j0, k0) = memoryview(cube.packets), cube.box.low
-        for index in line.voxels(cube.box):
+        for index in line.voxels(drawing.plan, cube.box):
             packet: int = packets[index[2] - k0, index[1] - j0, index[0] - i0]
             if is_visible(index, packet):
                 found.append((index, packet))
                 break
     if not found:
         return None
-    index, packet = min(found, key=lambda voxel: line.place(voxel[0]))
+    index, packet = min(found, key=lambda voxel: drawing.plan.traversal.place(voxel[0]))
     return ProbedVoxel(
-        index=index_in_volume(index, line.plan.factors, geometry.dims),
-        density=quantisation.density_of_byte(packet & 255),
-        strength=quantisation.strength_of_byte(packet >> 8 & 255),
+        index=index_in_volume(index, drawing.plan.factors, drawing.geometry.dims),
+        density=drawing.quantisation.density_of_byte(packet & 255),
+        strength=drawing.quantisation.strength_of_byte(packet >> 8 & 255),
     )
 
 
-def _visible_voxels(
-    geometry: Geometry, quantisation: Quantisation, rule: OpacityRule, line: LineOfSight
-) -> Callable[[Index, int], bool]:
+def _visible_voxels(drawing: Drawing, rule: OpacityRule) -> Callable[[Index, int], bool]:
     """Says whether a frame would send a voxel."""
-    codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponents[0]))
-    low, high = (
-        _byte_of(field, geometry, quantisation.directions_at(line.plan.factors), line)
-        for field in shading_tables.opacity_fields(rule)
-    )
+    codes = memoryview(shading_tables.opacity_codes(rule, drawing.plan.opacity_exponents[0]))
+    low, high = (_byte_of(field, drawing) for field in shading_tables.opacity_fields(rule))
 
     def is_visible(index: Index, packet: int) -> bool:
         return not packet >> NO_DATA_BIT and codes[low(index, packet) | high(index, packet) << 8] > 0
@@ -64,20 +52,21 @@ def _visible_voxels(
     return is_visible
 
 
-def _byte_of(field: Field, geometry: Geometry, directions: DirectionCode, line: LineOfSight) -> FieldByte:
+def _byte_of(field: Field, drawing: Drawing) -> FieldByte:
+    plan, geometry = drawing.plan, drawing.geometry
     if field == Field.DENSITY:
         return lambda index, packet: packet & 255
     if field == Field.STRENGTH:
         return lambda index, packet: packet >> 8 & 255
     if field in GRADIENT_FIELDS:
         axis = GRADIENT_FIELDS.index(field)
-        components = memoryview(shading_tables.gradient_bytes(directions, geometry.index_to_physical))
+        components = memoryview(shading_tables.gradient_bytes(drawing.directions, geometry.index_to_physical))
         return lambda index, packet: components[axis, packet >> DIRECTION_SHIFT & 0x7FFF]
     if field in SCREEN_FIELDS:
-        dda = line.plan.screen_index[SCREEN_FIELDS.index(field)]
+        dda = plan.screen_index[SCREEN_FIELDS.index(field)]
         return lambda index, packet: min(max(dda.at_half_indices(_doubled(index)) >> FRACTION_BITS, 0), 255)
     axis = GRID_FIELDS.index(field)
-    grid_bytes = shading_tables.grid_bytes(geometry.dims[axis], line.plan.factors[axis])
+    grid_bytes = shading_tables.grid_bytes(geometry.dims[axis], plan.factors[axis])
     return lambda index, packet: grid_bytes[index[axis]]
 
 

@@ -86,7 +86,8 @@ class VoxelSheets:
         return (i, j, k)
 
     def _wanted(self, axis: int) -> range:
-        low, high = self.fields.plan.bounds.low[axis], self.fields.plan.bounds.high[axis]
+        bounds = self.fields.drawing.plan.bounds
+        low, high = bounds.low[axis], bounds.high[axis]
         start = low + min(self.every, high - low) // 2
         return range(start, high, self.every)
 
@@ -119,5 +120,5 @@ class VoxelSheets:
         return np.stack(places, axis=-1), packets[rows, samples]
 
     def _opacity(self, index: NDArray[np.int64], packets: NDArray[np.uint32]) -> NDArray[np.float32]:
-        thickness = self.every * self.level.reference_spacing / self.fields.geometry.reference_spacing
+        thickness = self.every * self.level.reference_spacing / self.fields.drawing.geometry.reference_spacing
         return self.fields.opacity(index, packets, thickness)

@@ -10,7 +10,6 @@ from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
-from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.text.errors import BadInput
 
 OfVoxels = messages.ProbeVoxels | messages.ReadSlice | messages.CountPlane | messages.SumDepths
@@ -29,15 +28,14 @@ class VoxelAnswers:
 
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> Answer:
-        voxel = front_most(self._sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
+        voxel = front_most(self._sub_cubes, request.drawing, request.line)
         return Answer(messages.VoxelProbed(request.probe, voxel))
 
     @takes(messages.ReadSlice)
     def _read_slice(self, request: messages.ReadSlice) -> Answer:
-        if request.plane.dims != dims_at_level(request.geometry.dims, request.plan.factors):
-            raise BadInput(f"slice {request.probe} is of another grid than level {request.level}")
-        mixture = mixture_of(self._sub_cubes)
-        fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan, mixture)
+        if request.plane.dims != request.drawing.dims:
+            raise BadInput(f"slice {request.probe} is of another grid than level {request.drawing.level}")
+        fields = VoxelFields(request.drawing, mixture_of(self._sub_cubes))
         parts = list(slice_parts(self._sub_cubes, fields, request.plane))
         read = messages.SliceRead(request.probe, request.assignment, [part for part, _ in parts])
         return Answer(read, tuple(memoryview(samples) for _, samples in parts))

@@ -8,13 +8,10 @@ from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
-from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
-from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.regions import Region
-from volsplat.protocol.rules.shading_rule import ShadingRule
 from volsplat.protocol.rules.slab_kernels import LEAST_KNOWN
 from volsplat.protocol.rules.slab_shape import SlabShape
 
@@ -63,17 +60,14 @@ class FrameWalk:
     def __init__(
         self,
         sub_cubes: Sequence[SubCube],
-        geometry: Geometry,
-        quantisation: Quantisation,
-        shading: ShadingRule,
-        plan: FramePlan,
+        drawing: Drawing,
         closed_tiles: "_kernels.Array | None" = None,
         regions: Sequence[Region] = (),
         walkers: int | None = 1,
     ) -> None:
         """Start at the first sample.
 
-        `geometry` is the volume's; the sub-cubes are boxes of the level that the plan draws.
+        The sub-cubes are boxes of the level that is drawn.
 
         `closed_tiles` is the image's map of closed tiles, uint64 shaped `protocol.closed_tiles.tile_map_shape`; it may
         be written meanwhile. What is hidden by it is left out where the plan allows that.
@@ -85,35 +79,29 @@ class FrameWalk:
         part for each region; or, with None, each region has a walker, whose batches have that one part and are small,
         for its owner in the same process.
         """
-        closed_tiles = closed_tiles if plan.hides else None
-        if plan.slabs is not None:
+        closed_tiles, slabs = closed_tiles if drawing.plan.hides else None, drawing.plan.slabs
+        if slabs is not None:
             max_packets = SLAB_PACKETS
             walk: _kernels.SlabWalk | _kernels.FrameWalk = _slab_walk(
-                sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers
+                sub_cubes, drawing, slabs, closed_tiles, regions, walkers
             )
         else:
             max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if walkers else STEP_PACKETS
-            walk = _sheet_walk(
-                sub_cubes, geometry, quantisation, shading, plan, closed_tiles, regions, walkers, max_packets
-            )
+            walk = _sheet_walk(sub_cubes, drawing, closed_tiles, regions, walkers, max_packets)
         self.closed_tiles = closed_tiles
         self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walk.walkers)]
 
 
 def _sheet_walk(
     sub_cubes: Sequence[SubCube],
-    geometry: Geometry,
-    quantisation: Quantisation,
-    shading: ShadingRule,
-    plan: FramePlan,
+    drawing: Drawing,
     closed_tiles: "_kernels.Array | None",
     regions: Sequence[Region],
     walkers: int | None,
     max_packets: int,
 ) -> _kernels.FrameWalk:
     """Sheet by sheet, shaded."""
-    directions = quantisation.directions_at(plan.factors)
-    mixture = mixture_of(sub_cubes)
+    plan, shading, geometry, mixture = drawing.plan, drawing.shading, drawing.geometry, mixture_of(sub_cubes)
     cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading, mixture)
     colours = shading_tables.frame_colours(shading, mixture, geometry)
     distinct = sorted(set(plan.opacity_exponents))
@@ -131,11 +119,11 @@ def _sheet_walk(
         cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
         emit=colours.emit,
         refl=colours.refl,
-        light=shading_tables.frame_light(shading, geometry, quantisation, plan.factors, mixture),
+        light=shading_tables.frame_light(drawing, mixture),
         opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
         opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],
         visibility=shading_tables.visibility(rule),
-        gradient_bytes=shading_tables.gradient_bytes(directions, geometry.index_to_physical),
+        gradient_bytes=shading_tables.gradient_bytes(drawing.directions, geometry.index_to_physical),
         grid_bytes=[
             shading_tables.grid_bytes(size, factor) for size, factor in zip(geometry.dims, plan.factors, strict=True)
         ],
@@ -148,15 +136,14 @@ def _sheet_walk(
 
 def _slab_walk(
     sub_cubes: Sequence[SubCube],
-    geometry: Geometry,
-    shading: ShadingRule,
-    plan: FramePlan,
+    drawing: Drawing,
     slabs: SlabShape,
     closed_tiles: "_kernels.Array | None",
     regions: Sequence[Region],
     walkers: int | None,
 ) -> _kernels.SlabWalk:
     """By groups of planes from the front, unshaded: the voxels that slabs take."""
+    plan = drawing.plan
     return _kernels.SlabWalk(
         boxes=[(cube.packets, cube.box.low, cube.needed_voxels) for cube in sub_cubes],
         axes=plan.traversal.axes,
@@ -168,8 +155,8 @@ def _slab_walk(
         image=(plan.width, plan.height),
         reach=sample_reach(plan),
         groups=(slabs.groups, slabs.lead, slabs.before),
-        dims=dims_at_level(geometry.dims, plan.factors),
-        visible=shading_tables.visibility(shading_tables.opacity_rule(shading))[: TABLE_ENTRIES // 8],
+        dims=drawing.dims,
+        visible=shading_tables.visibility(shading_tables.opacity_rule(drawing.shading))[: TABLE_ENTRIES // 8],
         look=(slabs.looks.box, slabs.looks.shape),
         inner=(slabs.inner.box, slabs.inner.shape),
         spread=(slabs.needs.box, slabs.needs.shape),

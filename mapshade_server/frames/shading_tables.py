@@ -12,10 +12,11 @@ from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, eye_alo
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.protocol.description.patches import PLANE_ENTRIES, Patches, colourless
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
-from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
-from volsplat.protocol.rules.index_rules import ROUGHNESS_COSINES, DirectionCode, Quantisation, grid_index_bytes
+from volsplat.protocol.messages.drawing import Drawing
+from volsplat.protocol.rules.index_rules import ROUGHNESS_COSINES, DirectionCode, grid_index_bytes
 from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 
 # The blocks of A and B come in up to 27 sizes, and a scene is turned through A to F again and again.
@@ -217,15 +218,11 @@ def _emission(rule: ColourRule, eye: Vector | None) -> float:
     return 1.0 if seen is None else seen.emission(eye) * _emission(_of_finer(rule), eye)
 
 
-def frame_light(
-    shading: ShadingRule, geometry: Geometry, quantisation: Quantisation, factors: Index, mixture: LevelMixture | None
-) -> "_kernels.Array":
-    """What multiplies the reflected colour, by direction code: float32 (32768,).
-
-    `geometry` is the volume's, and `factors` say how many of its voxels those that are drawn stand for.
-    """
-    codes, own_codes = quantisation.directions_at(factors), quantisation.directions
-    return _frame_light(_colour_rule(shading, mixture), shading.lighting, geometry, codes, own_codes)
+def frame_light(drawing: Drawing, mixture: LevelMixture | None) -> "_kernels.Array":
+    """What multiplies the reflected colour, by direction code: float32 (32768,)."""
+    codes, own_codes = drawing.directions, drawing.quantisation.directions
+    rule, lighting = _colour_rule(drawing.shading, mixture), drawing.shading.lighting
+    return _frame_light(rule, lighting, drawing.geometry, codes, own_codes)
 
 
 @lru_cache(KEPT_LIGHT_TABLES)

@@ -105,7 +105,7 @@ class Exchanges:
             )
 
     def _note_size(self, request: RenderFrame) -> None:
-        self._sizes[request.frame] = request.plan.image_size
+        self._sizes[request.frame] = request.drawing.plan.image_size
         if len(self._sizes) > MAX_SERVERS:
             del self._sizes[next(iter(self._sizes))]
 

@@ -3,12 +3,12 @@
 import math
 from typing import Annotated, ClassVar
 
-import msgspec
 from msgspec import Meta
 
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.description.scene import LARGEST_EXTENT
-from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.image_messages import ImageRead
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
@@ -18,7 +18,6 @@ from volsplat.protocol.messages.message import (
     Count,
     Detail,
     FrameId,
-    LevelNumber,
     Message,
     Ordinal,
     ProbeId,
@@ -31,13 +30,10 @@ from volsplat.protocol.messages.message import (
 )
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, DATA_LINK_TO_SPLAT
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
-from volsplat.protocol.rules.frame_plan import FramePlan
-from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.light_blocks import MOST_LIGHT_BLOCKS, SUM_BYTES, LightBlocks
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.rules.regions import MOST_REGIONS, LineNumber, Regions, check_regions
-from volsplat.protocol.rules.shading_rule import ShadingRule
 
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
 MOST_CHANNEL_BYTES = 8 << 30  # of one link; what is not touched of them costs nothing
@@ -155,21 +151,9 @@ class ReadProgress(Message, frozen=True):
     frame: FrameId
 
 
-class FrameDrawn(msgspec.Struct, frozen=True):
-    """What is drawn in a frame, of which sub-cubes, and how; `geometry` is the volume's, whatever level is drawn."""
-
-    frame: FrameId
-    assignment: AssignmentId
-    plan: FramePlan
-    shading: ShadingRule
-    geometry: Geometry
-    quantisation: Quantisation
-    level: LevelNumber
-
-
 @asks(CLIENT_TO_MAPSHADE, FrameMapped, at_once=MAX_SERVERS, newest=True)
 @asks(CLIENT_TO_SPLAT, FrameFinished, ImageRead, at_once=MAX_SERVERS, newest=True)
-class RenderFrame(FrameDrawn, Message, frozen=True):
+class RenderFrame(Message, frozen=True):
     """Client to map/shade server and splat server: begin this frame; it ends any older one.
 
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
@@ -180,6 +164,9 @@ class RenderFrame(FrameDrawn, Message, frozen=True):
     `light` of a frame of slabs whose scene asks for it.
     """
 
+    frame: FrameId
+    assignment: AssignmentId
+    drawing: Drawing
     workers: Annotated[dict[ServerId, Threads], Meta(max_length=MAX_SERVERS)]
     regions: Regions
     exact: bool
@@ -188,7 +175,7 @@ class RenderFrame(FrameDrawn, Message, frozen=True):
     light: LightBlocks | None = None
 
     def __post_init__(self) -> None:
-        check_regions(self.regions, self.plan.height)
+        check_regions(self.regions, self.drawing.plan.height)
 
 
 class DepthsSummed(Message, frozen=True):
@@ -207,15 +194,19 @@ class DepthsSummed(Message, frozen=True):
 
 
 @asks(CLIENT_TO_MAPSHADE, DepthsSummed)
-class SumDepths(FrameDrawn, Message, frozen=True):
+class SumDepths(Message, frozen=True):
     """Client to map/shade server: add up the optical depths of the voxels that you hold of each block.
 
     They are those of a frame of slabs that is about to be asked for.
     """
 
+    frame: FrameId
+    assignment: AssignmentId
+    drawing: Drawing
+
     def __post_init__(self) -> None:
-        if self.plan.slabs is None:
-            raise ValueError(f"light passes frames of slabs, not those of step {self.plan.step}")
+        if self.drawing.plan.slabs is None:
+            raise ValueError(f"light passes frames of slabs, not those of step {self.drawing.plan.step}")
 
 
 class FrameAborted(Message, frozen=True):
@@ -367,13 +358,13 @@ class VoxelProbed(Message, frozen=True):
 class ProbeVoxels(Message, frozen=True):
     """Client to map/shade server: which of your voxels is seen on this line (see line_of_sight)?
 
-    The voxels are those of the level; the index in the answer is the volume's, of `geometry`.
+    The voxels are those of the level; the index in the answer is the volume's.
     """
 
     probe: ProbeId
     assignment: AssignmentId
     line: LineOfSight
-    shading: ShadingRule
-    geometry: Geometry
-    quantisation: Quantisation
-    level: LevelNumber
+    drawing: Drawing
+
+    def __post_init__(self) -> None:
+        self.line.check(self.drawing.plan)

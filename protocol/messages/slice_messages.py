@@ -4,14 +4,11 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.messages.message import AssignmentId, LevelNumber, Message, ProbeId, asks
+from volsplat.protocol.messages.drawing import Drawing
+from volsplat.protocol.messages.message import AssignmentId, Message, ProbeId, asks
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
 from volsplat.protocol.messages.volume_messages import MAX_BOXES
-from volsplat.protocol.rules.frame_plan import FramePlan
-from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.regions import Rectangle
-from volsplat.protocol.rules.shading_rule import ShadingRule
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES, SAMPLE_BYTES, SlicePlane
 
 LARGEST_SLICE = MOST_SAMPLES**2 * SAMPLE_BYTES
@@ -43,15 +40,10 @@ class SliceRead(Message, frozen=True):
 class ReadSlice(Message, frozen=True):
     """Client to map/shade server: send what you hold of this slice, with the colours that its voxels are drawn in.
 
-    The plane is one of the level's grid, and the plan of step F of the scene that the colours are of; `geometry` is the
-    volume's.
+    The plane is one of the level's grid, and the plan of step F of the scene that the colours are of.
     """
 
     probe: ProbeId
     assignment: AssignmentId
     plane: SlicePlane
-    plan: FramePlan
-    shading: ShadingRule
-    geometry: Geometry
-    quantisation: Quantisation
-    level: LevelNumber
+    drawing: Drawing

@@ -26,9 +26,8 @@ Offset = tuple[float, float]  # pixels
 
 
 class LineOfSight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A line from a point of the image into the volume."""
+    """A line from a point of the image into the volume, across the sheets of a plan (see sight_plan)."""
 
-    plan: FramePlan  # of step F, front to back, upright
     x: float  # pixels from the centre of the image's top left pixel, to the right
     y: float  # likewise, down
     across: Vector  # pixels to the right for a step along i, j, k
@@ -39,52 +38,43 @@ class LineOfSight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(
                 f"a voxel's steps must be at most {LARGEST_POSITION} pixels, not {self.across}, {self.down}"
             )
-        if not abs(area := self._cells().area) >= LEAST_AREA:
+
+    def check(self, plan: FramePlan) -> None:
+        """Raises ValueError for a plan across whose sheets it does not go."""
+        if not abs(area := self._cells(plan).area) >= LEAST_AREA:
             raise ValueError(f"a line of sight must cross sheets whose cells it can hit, not of {area} square pixels")
 
-    def place(self, index: Index) -> Index:
-        """What sorts voxels from front to back."""
-        i, j, k = (
-            index[axis] if up else -index[axis]
-            for axis, up in zip(self.plan.traversal.axes, self.plan.traversal.ascending, strict=True)
-        )
-        return (i, j, k)
-
-    def voxels(self, box: Box) -> Iterator[Index]:
+    def voxels(self, plan: FramePlan, box: Box) -> Iterator[Index]:
         """Those of the box, within the bounds, that lie under the point, front to back; indices are the level's."""
-        if not (0 <= self.x + HALF < self.plan.width and 0 <= self.y + HALF < self.plan.height):
+        if not (0 <= self.x + HALF < plan.width and 0 <= self.y + HALF < plan.height):
             return
-        cells = self._cells()
-        sheets, rows, samples = (self._range(box, axis) for axis in self.plan.traversal.axes)
+        cells, traversal = self._cells(plan), plan.traversal
+        forward, down, right = traversal.ascending
+        sheets, rows, samples = (_range(box.low[axis], box.high[axis], plan, axis) for axis in traversal.axes)
         aside_row, aside_sample = cells.aside(cells.sample), cells.aside(cells.row)
-        for sheet in self._in_order(0, sheets):
+        for sheet in _in_order(sheets, forward):
             row_there, sample_there = cells.crossing(sheet)
-            for row in self._in_order(1, _around(row_there, aside_row, rows)):
-                for sample in self._in_order(2, _around(sample_there, aside_sample, samples)):
+            for row in _in_order(_around(row_there, aside_row, rows), down):
+                for sample in _in_order(_around(sample_there, aside_sample, samples), right):
                     if cells.lie_under(row - row_there, sample - sample_there):
-                        yield self._index(sheet, row, sample)
+                        yield traversal.on_axes((sheet, row, sample))
 
-    def _cells(self) -> "_SheetCells":
-        sheet, row, sample = ((self.across[axis], self.down[axis]) for axis in self.plan.traversal.axes)
+    def _cells(self, plan: FramePlan) -> "_SheetCells":
+        sheet, row, sample = ((self.across[axis], self.down[axis]) for axis in plan.traversal.axes)
         return _SheetCells(
-            x=self.x - self.plan.x.origin / FIXED_ONE,
-            y=self.y - self.plan.y.origin / FIXED_ONE,
+            x=self.x - plan.x.origin / FIXED_ONE,
+            y=self.y - plan.y.origin / FIXED_ONE,
             sheet=sheet,
             row=row,
             sample=sample,
             area=row[0] * sample[1] - sample[0] * row[1],
         )
 
-    def _range(self, box: Box, axis: int) -> range:
-        bounds = self.plan.bounds
-        return range(max(box.low[axis], bounds.low[axis]), min(box.high[axis], bounds.high[axis]))
 
-    def _in_order(self, loop: int, indices: range) -> range:
-        return indices if self.plan.traversal.ascending[loop] else indices[::-1]
-
-    def _index(self, *place: int) -> Index:
-        by_axis = dict(zip(self.plan.traversal.axes, place, strict=True))
-        return (by_axis[0], by_axis[1], by_axis[2])
+def sight_plan(scene: Scene, geometry: Geometry, resolution: Resolution | None = None) -> FramePlan:
+    """The plan that lines of sight are across: of step F, front to back, upright. Raises ValueError as plan_frame."""
+    front_to_back = msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK)
+    return plan_frame(front_to_back, geometry, Step.F, resolution).upright
 
 
 def line_of_sight(
@@ -95,9 +85,8 @@ def line_of_sight(
     x and y are pixels from the centre of the image's top left pixel, x to the right and y down. Raises ValueError
     where bounds or view do not fit the volume.
     """
-    plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F, resolution)
     grid = grid_on_screen(scene, geometry, resolution.geometry if resolution else None)
-    return LineOfSight(plan.upright, x, y, grid.pixels_per_index[0], grid.pixels_per_index[1])
+    return LineOfSight(x, y, grid.pixels_per_index[0], grid.pixels_per_index[1])
 
 
 @dataclass(frozen=True)
@@ -131,6 +120,14 @@ class _SheetCells:
         x = rows * self.row[0] + samples * self.sample[0]
         y = rows * self.row[1] + samples * self.sample[1]
         return abs(x) <= HALF and abs(y) <= HALF
+
+
+def _range(low: int, high: int, plan: FramePlan, axis: int) -> range:
+    return range(max(low, plan.bounds.low[axis]), min(high, plan.bounds.high[axis]))
+
+
+def _in_order(indices: range, ascending: bool) -> range:
+    return indices if ascending else indices[::-1]
 
 
 def _around(middle: float, aside: float, within: range) -> range:

@@ -29,6 +29,13 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         i, j, k = (by_level[self.axes.index(axis)] for axis in range(3))
         return (i, j, k)
 
+    def place(self, index: Index) -> Index:
+        """What sorts the voxels at i, j and k as they are visited."""
+        sheet, row, sample = (
+            index[axis] if up else -index[axis] for axis, up in zip(self.axes, self.ascending, strict=True)
+        )
+        return (sheet, row, sample)
+
 
 def traversal_of(ray: Index, order: Order) -> Traversal:
     """The traversal for a ray that runs to the viewer by `ray` in i, j and k (any unit).

@@ -25,6 +25,7 @@ from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder,
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.description.scene import Bounds, Image, Order, Step, View
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import BatchPart
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
@@ -32,7 +33,6 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.sample_lattice import sample_lattice
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import largest_code
 from volsplat.splat_server.batch_decoder import decoded
 
@@ -72,7 +72,7 @@ def test_what_a_walk_sends_comes_back(data: st.DataObject, geometry: Geometry, s
         sub_cube.pack(PLAIN)
     edge = data.draw(st.integers(0, plan.height // TILE_SIDE)) * TILE_SIDE
     regions = [Region(1, 0, edge), Region(1, edge, plan.height), Region(2, plan.height, plan.height)]
-    walk = FrameWalk(sub_cubes, geometry, PLAIN, shading_rule(scene, step), plan, None, regions)
+    walk = FrameWalk(sub_cubes, Drawing.of(scene, plan, geometry, PLAIN), None, regions)
     for batch in all_batches(walk, max_packets=limit):
         assert there_and_back(plan, batch.parts) == raw_bytes(batch.parts)
 
@@ -153,8 +153,8 @@ def test_voxels_are_coded_in_less_than_half_and_a_code_of_other_counts_is_refuse
     plan = plan_of(Geometry((24, 24, 24)), Step.G, zoom=2.0)
     sub_cube = SubCube.of_volume(Geometry((24, 24, 24)), torch.rand((24, 24, 24)))
     sub_cube.pack(PLAIN)
-    rule = shading_rule(plain_scene(), Step.G)
-    batch = all_batches(FrameWalk([sub_cube], Geometry((24, 24, 24)), PLAIN, rule, plan))[0]
+    drawing = Drawing.of(plain_scene(), plan, Geometry((24, 24, 24)), PLAIN)
+    batch = all_batches(FrameWalk([sub_cube], drawing))[0]
     part = max(batch.parts, key=lambda part: part.packet_count)
     assert part.packet_count > 1000
     for level in (QUICK, CLOSE):

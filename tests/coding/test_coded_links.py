@@ -22,11 +22,11 @@ from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -82,7 +82,7 @@ def sent_over(bits_per_second: float, step: Step = Step.F) -> tuple[list[ShadedB
     plan = plan_frame(scene, GEOMETRY, step)
     sub_cube = SubCube.of_volume(GEOMETRY, torch.rand(GEOMETRY.dims, generator=torch.Generator().manual_seed(1)))
     sub_cube.pack(PLAIN)
-    batches = all_batches(FrameWalk([sub_cube], GEOMETRY, PLAIN, shading_rule(scene, step), plan), 16384)
+    batches = all_batches(FrameWalk([sub_cube], Drawing.of(scene, plan, GEOMETRY, PLAIN)), 16384)
     costs: list[Sent] = []
     came = 0
     with linked(bits_per_second) as (link, there):

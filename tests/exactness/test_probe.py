@@ -22,11 +22,12 @@ from volsplat.mapshade_server.answers.probe import front_most
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Bounds, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import ProbedVoxel
+from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.line_of_sight import MOST_ASIDE, LineOfSight, line_of_sight
+from volsplat.protocol.rules.line_of_sight import MOST_ASIDE, LineOfSight, line_of_sight, sight_plan
 from volsplat.protocol.rules.refinement import PAPER_STEPS
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 __all__ = ["head", "scene", "single"]
@@ -48,19 +49,25 @@ def test_a_probe_finds_the_front_most_sample_that_the_reference_sends(
     at = mapping.on_screen(torch.tensor([aim], dtype=torch.float64), scene, geometry)[0]
     point = at + torch.tensor([data.draw(st.floats(-3, 3)) + JITTER for _ in range(2)], dtype=torch.float64)
     line = line_of_sight(scene, geometry, float(point[0]), float(point[1]))
+    plan = sight_plan(scene, geometry)
 
-    expected = expected_voxel(values, geometry, quantisation, scene, line, point)
+    expected = expected_voxel(values, geometry, quantisation, scene, plan, line, point)
     cubes = [SubCube.of_volume(geometry, values, box) for box in data.draw(partitions(geometry))]
     for cube in cubes:
         cube.pack(quantisation)
-    assert front_most(cubes, geometry, quantisation, shading_rule(scene, Step.F), line) == expected
+    assert front_most(cubes, Drawing.of(scene, plan, geometry, quantisation), line) == expected
 
 
 def expected_voxel(
-    values: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene, line: LineOfSight, point: Tensor
+    values: Tensor,
+    geometry: Geometry,
+    quantisation: Quantisation,
+    scene: Scene,
+    plan: FramePlan,
+    line: LineOfSight,
+    point: Tensor,
 ) -> ProbedVoxel | None:
     """By looking at every sample; `point` is in pixels."""
-    plan = line.plan
     packets = voxel_packets.pack(values, geometry, quantisation)
     samples = mapping.samples_of(scene, geometry, plan)
     i, j, k = samples.indices.unbind(1)
@@ -69,7 +76,7 @@ def expected_voxel(
     vectors = voxel_packets.directions(quantisation.directions)
     exponent = shading.opacity_exponents(plan, samples.indices)
     _, opacity = shading.shade(here, fields, scene, Step.F, exponent, vectors)
-    seen = (shading.opacity_codes(opacity) > 0) & under(samples.exact, point, line)
+    seen = (shading.opacity_codes(opacity) > 0) & under(samples.exact, point, plan, line)
     if not seen.any():
         return None
     first = int(seen.nonzero()[0])
@@ -82,9 +89,9 @@ def expected_voxel(
     )
 
 
-def under(positions: Tensor, point: Tensor, line: LineOfSight) -> Tensor:
+def under(positions: Tensor, point: Tensor, plan: FramePlan, line: LineOfSight) -> Tensor:
     """Which samples at these positions (n, 2) lie under the point: bool (n,)."""
-    _, row, sample = line.plan.traversal.axes
+    _, row, sample = plan.traversal.axes
     steps = torch.tensor([[steps[axis] for axis in (row, sample)] for steps in (line.across, line.down)]).double()
     pixels = positions - point
     cells = torch.linalg.solve(steps, pixels.T).T

@@ -22,11 +22,11 @@ from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 from volsplat.protocol.rules.regions import Rectangle
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.slice_plane import level_plane
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
 
@@ -43,8 +43,8 @@ def test_a_slice_has_the_packets_and_colours_of_the_reference_from_any_partition
     axis = data.draw(st.integers(0, 2))
     index = data.draw(st.integers(0, geometry.dims[axis] - 1))
     plane = level_plane(geometry.dims, (1, 1, 1), axis, index, data.draw(st.integers(1, 16)))
-    plan, rule = plan_frame(scene, geometry, Step.F), shading_rule(scene, Step.F)
-    fields = VoxelFields(geometry, quantisation, rule, plan)
+    plan = plan_frame(scene, geometry, Step.F)
+    fields = VoxelFields(Drawing.of(scene, plan, geometry, quantisation))
     whole = VolumeSlice.empty(plane, plan.factors, quantisation)
     for box in data.draw(partitions(geometry)):
         cube = SubCube.of_volume(geometry, values, box)

@@ -37,6 +37,7 @@ from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -50,7 +51,6 @@ from volsplat.protocol.rules.levels import (
 from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import Bell, ReadBudget
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
@@ -93,7 +93,7 @@ def walk_of(
 ) -> FrameWalk:
     geometry = held[0].geometry
     plan = plan_frame(scene, geometry, step, own_resolution(geometry, step, thinning)).upright
-    return FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan, closed_tiles)
+    return FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN), closed_tiles)
 
 
 def frame(
@@ -430,7 +430,7 @@ def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: boo
     with owners() as made:
         assembly = FrameAssembly(made, plan_frame(scene, geometry, step), frame=1)
         plan, tiles = assembly.plan, assembly.closed_tiles if live else None
-        walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan, tiles)
+        walk = FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN), tiles)
         assembly.begin([Region(1, 0, plan.height)], 1, news)
         for batch in batches_of(walk.walkers[0], most, most):
             assembly.splat.push(0, batch_memory(batch.parts, budget), *batch.reached, batch.last)

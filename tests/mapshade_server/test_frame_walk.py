@@ -17,11 +17,11 @@ from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.rules.refinement import PAPER_STEPS
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.traversal import visits_of
 from volsplat.protocol.text.errors import LocalProtocolError
 
@@ -46,9 +46,7 @@ def visible_volume(geometry: Geometry) -> Tensor:
 
 def walked(geometry: Geometry, values: Tensor, scene: Scene, plan: FramePlan) -> list[ShadedBatch]:
     return all_batches(
-        FrameWalk(
-            sub_cubes(geometry, values, PLAIN, [geometry.box]), geometry, PLAIN, shading_rule(scene, plan.step), plan
-        )
+        FrameWalk(sub_cubes(geometry, values, PLAIN, [geometry.box]), Drawing.of(scene, plan, geometry, PLAIN))
     )
 
 
@@ -60,8 +58,8 @@ def test_one_server_with_many_boxes_sends_what_it_would_for_the_whole(
     plan = plan_frame(scene, geometry, step)
     whole = sub_cubes(geometry, values, quantisation, [geometry.box])
     parts = sub_cubes(geometry, values, quantisation, data.draw(partitions(geometry)))
-    one = all_batches(FrameWalk(whole, geometry, quantisation, shading_rule(scene, plan.step), plan))
-    many = all_batches(FrameWalk(parts, geometry, quantisation, shading_rule(scene, plan.step), plan))
+    one = all_batches(FrameWalk(whole, Drawing.of(scene, plan, geometry, quantisation)))
+    many = all_batches(FrameWalk(parts, Drawing.of(scene, plan, geometry, quantisation)))
     assert packets_of(many).rows() == packets_of(one).rows()
     assert sum(batch.voxels_visited for batch in many) == sum(batch.voxels_visited for batch in one)
 
@@ -73,12 +71,10 @@ def test_runs_of_many_servers_merge_by_key_into_what_one_server_sends(
     scene, values = data.draw(shaded_scenes(geometry)), data.draw(volumes(geometry))
     plan = plan_frame(scene, geometry, step)
     whole = sub_cubes(geometry, values, quantisation, [geometry.box])
-    expected = packets_of(
-        all_batches(FrameWalk(whole, geometry, quantisation, shading_rule(scene, plan.step), plan))
-    ).rows()
+    expected = packets_of(all_batches(FrameWalk(whole, Drawing.of(scene, plan, geometry, quantisation)))).rows()
     runs: list[tuple[list[int], list[list[int]]]] = []
     for sub_cube in sub_cubes(geometry, values, quantisation, data.draw(partitions(geometry))):
-        batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan))
+        batches = all_batches(FrameWalk([sub_cube], Drawing.of(scene, plan, geometry, quantisation)))
         keys, counts = runs_of(batches).keys.tolist(), runs_of(batches).count.tolist()
         rows = iter(packets_of(batches).rows())
         runs += [(key, [next(rows) for _ in range(count)]) for key, count in zip(keys, counts, strict=True)]
@@ -93,8 +89,8 @@ def test_limits_decide_where_batches_end_but_not_what_they_hold(
     scene, values = data.draw(shaded_scenes(geometry)), data.draw(volumes(geometry))
     plan = plan_frame(scene, geometry, step)
     held = sub_cubes(geometry, values, PLAIN, data.draw(partitions(geometry)))
-    large = all_batches(FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan))
-    small = all_batches(FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan), max_packets, max_voxels)
+    large = all_batches(FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN)))
+    small = all_batches(FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN)), max_packets, max_voxels)
     assert packets_of(small).rows() == packets_of(large).rows()
     longest_row = max(geometry.dims)
     for batch in small:
@@ -112,9 +108,7 @@ def test_keys_rise_and_nothing_comes_before_what_was_reached(
     scene, values = data.draw(shaded_scenes(geometry)), data.draw(volumes(geometry))
     plan = plan_frame(scene, geometry, step)
     held = sub_cubes(geometry, values, PLAIN, data.draw(partitions(geometry)))
-    batches = all_batches(
-        FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan), max_packets, max_voxels
-    )
+    batches = all_batches(FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN)), max_packets, max_voxels)
     reached, end = [0, 0], [0, 0, 0]
     for batch in batches:
         runs = runs_of([batch])
@@ -222,7 +216,7 @@ def test_a_batch_keeps_its_bytes_while_it_is_held() -> None:
     scene = plain_scene(opacity=0.5)
     plan = plan_frame(scene, geometry, Step.F)
     held = sub_cubes(geometry, visible_volume(geometry), PLAIN, [geometry.box])
-    walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan)
+    walk = FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN))
     kept, copies = [], []
     for batch in batches_of(walk.walkers[0], max_packets=100):
         kept += batch.parts
@@ -234,7 +228,7 @@ def test_a_batch_keeps_its_bytes_while_it_is_held() -> None:
 def test_a_server_without_boxes_says_at_once_that_it_is_done() -> None:
     scene, geometry = plain_scene(), Geometry(CUBE)
     plan = plan_frame(scene, geometry, Step.F)
-    [walker] = FrameWalk([], geometry, PLAIN, shading_rule(scene, plan.step), plan).walkers
+    [walker] = FrameWalk([], Drawing.of(scene, plan, geometry, PLAIN)).walkers
     batch = walker.next_batch()
     assert batch is not None
     assert batch.last
@@ -245,11 +239,6 @@ def test_a_server_without_boxes_says_at_once_that_it_is_done() -> None:
 
 def test_a_sub_cube_must_be_packed_before_it_is_walked() -> None:
     scene, geometry = plain_scene(), Geometry(CUBE)
+    drawing = Drawing.of(scene, plan_frame(scene, geometry, Step.F), geometry, PLAIN)
     with pytest.raises(LocalProtocolError, match="before it was packed"):
-        FrameWalk(
-            [SubCube(geometry, geometry.box)],
-            geometry,
-            PLAIN,
-            shading_rule(scene, Step.F),
-            plan_frame(scene, geometry, Step.F),
-        )
+        FrameWalk([SubCube(geometry, geometry.box)], drawing)

@@ -26,6 +26,7 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import ROUGH_DIRECTIONS, ROUGHNESS_COSINES, ROUGHNESSES, Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
@@ -40,7 +41,7 @@ CPU_FLAGS = {"avx2": {"avx2", "bmi2"}, "avx512": {"avx512f", "avx512bw", "avx512
 def shaded(geometry: Geometry, values: Tensor, quantisation: Quantisation, scene: Scene, plan: FramePlan) -> Packets:
     sub_cube = SubCube.of_volume(geometry, values)
     sub_cube.pack(quantisation)
-    return packets_of(all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan)))
+    return packets_of(all_batches(FrameWalk([sub_cube], Drawing.of(scene, plan, geometry, quantisation))))
 
 
 @given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(PAPER_STEPS))
@@ -86,7 +87,7 @@ def test_every_cpu_path_gives_the_same_bits(
         with kernels_on(_kernels, path):
             sub_cube = SubCube.of_volume(geometry, values)
             sub_cube.pack(quantisation)
-            batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan))
+            batches = all_batches(FrameWalk([sub_cube], Drawing.of(scene, plan, geometry, quantisation)))
             frames.append([(bytes(part.runs), bytes(part.packets)) for batch in batches for part in batch.parts])
     assert all(frame == frames[0] for frame in frames)
 

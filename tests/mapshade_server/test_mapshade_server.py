@@ -94,7 +94,8 @@ def test_what_cannot_be_done_is_refused_in_one_line_and_the_server_goes_on(bench
     bench.connects(0)
     with bench.accepts(0) as link:
         larger = render(3, Geometry(dims=(SIZE, SIZE, SIZE + 1)))
-        outside = bench.refuses(msgspec.structs.replace(larger, geometry=geometry))
+        drawing = msgspec.structs.replace(larger.drawing, geometry=geometry)
+        outside = bench.refuses(msgspec.structs.replace(larger, drawing=drawing))
         assert outside.frame == 3 and "bounds" in outside.cause
         bench.draws(4, geometry, link)
 

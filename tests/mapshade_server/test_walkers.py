@@ -19,6 +19,7 @@ from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -26,7 +27,6 @@ from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region, check_regions
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import Bell, ReadBudget
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
@@ -62,8 +62,8 @@ def walk_of(
     walkers: int | None,
     tiles: object = None,
 ) -> FrameWalk:
-    shading = shading_rule(scene, plan.step)
-    return FrameWalk(held, held[0].geometry, PLAIN, shading, plan, tiles, regions, walkers)  # type: ignore[arg-type]
+    drawing = Drawing.of(scene, plan, held[0].geometry, PLAIN)
+    return FrameWalk(held, drawing, tiles, regions, walkers)  # type: ignore[arg-type]
 
 
 def delivered(walk: FrameWalk, most: int) -> list[list[ShadedBatch]]:

@@ -26,13 +26,14 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.refusals import OUT_OF_MEMORY, refusal
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey, strength_scale
 from volsplat.protocol.rules.levels import Resolution, factors_of, own_resolution
 from volsplat.protocol.rules.light_blocks import LightBlocks
-from volsplat.protocol.rules.line_of_sight import line_of_sight
+from volsplat.protocol.rules.line_of_sight import line_of_sight, sight_plan
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
@@ -128,7 +129,7 @@ def render(step: Step) -> messages.RenderFrame:
     request = frame_request(
         1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, {2: 1}, RegionShares()
     )
-    light = LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5) if request.plan.slabs else None
+    light = LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5) if request.drawing.plan.slabs else None
     return msgspec.structs.replace(request, light=light)
 
 
@@ -142,18 +143,16 @@ def drawing() -> Iterator[Owners]:
 @given(data=st.data(), step=st.sampled_from(Step))
 def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject, step: Step) -> None:
     request = data.draw(spoilt(render(step)))
-    if request.plan.width * request.plan.height > 10**6:
+    plan = request.drawing.plan
+    if plan.width * plan.height > 10**6:
         return
     held, _ = held_at(path)
     held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
-        sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.plan)
+        sub_cubes = held.sub_cubes_asked(request)
         news = Bell()
-        assembly = FrameAssembly(drawing, request.plan, request.frame, slabs_of(request))
-        shading, plan, tiles = request.shading, request.plan, assembly.closed_tiles
-        walk = FrameWalk(
-            sub_cubes, request.geometry, request.quantisation, shading, plan, tiles, request.regions, walkers=2
-        )
+        assembly = FrameAssembly(drawing, plan, request.frame, slabs_of(request))
+        walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=2)
         assembly.begin(request.regions, 2, news, walks=walk.walkers)
         wait_until_complete(assembly.splat, news)
         image = np.frombuffer(assembly.published(), np.float32)
@@ -168,20 +167,21 @@ def test_a_scene_and_a_volume_of_any_numbers_are_planned_or_refused(data: st.Dat
     with contextlib.suppress(ValueError):
         plan_frame(situation.scene, situation.geometry, step)
         shading_rule(situation.scene, step)
-        line_of_sight(situation.scene, situation.geometry, *situation.point)
+        line_of_sight(situation.scene, situation.geometry, *situation.point).check(
+            sight_plan(situation.scene, situation.geometry)
+        )
 
 
 @settings(max_examples=examples(100))
 @given(data=st.data())
 def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
-    line, shading = line_of_sight(SCENE, GEOMETRY, 9.0, 7.0), shading_rule(SCENE, Step.F)
-    probe = messages.ProbeVoxels(1, 1, line, shading, GEOMETRY, QUANTISATION, 0)
+    drawing = Drawing.of(SCENE, sight_plan(SCENE, GEOMETRY), GEOMETRY, QUANTISATION)
+    probe = messages.ProbeVoxels(1, 1, line_of_sight(SCENE, GEOMETRY, 9.0, 7.0), drawing)
     request = data.draw(spoilt(probe))
     held, _ = held_at(path)
     held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
-        sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
-        front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
+        front_most(held.sub_cubes_asked(request), request.drawing, request.line)
 
 
 @settings(max_examples=examples(250))
@@ -274,13 +274,15 @@ def test_gradients_too_weak_for_a_scale_are_none() -> None:
 
 def test_levels_that_a_volume_lacks_are_refused(path: Path) -> None:
     held, _ = held_at(path)
-    other, drawn = Geometry((6, 5, 3)), render(Step.C).plan
+    request = render(Step.C)
+    replaced, drawn, other = msgspec.structs.replace, request.drawing, Geometry((6, 5, 3))
     with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels, not \(6, 5, 3\)"):
-        held.sub_cubes_drawn(0, other, drawn)
+        held.sub_cubes_asked(replaced(request, drawing=replaced(drawn, geometry=other)))
     with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels, not \(3, 5, 4\)"):
-        held.sub_cubes_drawn(0, GEOMETRY, msgspec.structs.replace(drawn, factors=(2, 1, 1)))
+        coarser = replaced(drawn, plan=replaced(drawn.plan, factors=(2, 1, 1)))
+        held.sub_cubes_asked(replaced(request, drawing=coarser))
     with pytest.raises(BadInput, match="level 1 is not held"):
-        held.sub_cubes_drawn(1, GEOMETRY, drawn)
+        held.sub_cubes_asked(replaced(request, drawing=replaced(drawn, level=1)))
     thin, wide = (
         ((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, c)) for a, b, c in ((1e-160, 1e100, 1e60), (1e153, 1.0, 1.0))
     )

@@ -185,7 +185,10 @@ def test_steps_points_and_intervals_may_be_other_libraries_too(renderer: Rendere
         ({"listen": "nowhere"}, "HOST:PORT"),
         ({"spawn": False, "threads": 2}, "starts no servers that it would hold for; leave out threads"),
         ({"spawn": False, "data_root": "."}, "leave out data_root"),
-        ({"cluster": "lab.toml", "workers": 8, "tls": False}, "the cluster file says this .*; leave out tls and workers"),
+        (
+            {"cluster": "lab.toml", "workers": 8, "tls": False},
+            "the cluster file says this .*; leave out tls and workers",
+        ),
         ({"cluster": "lab.toml", "data_root": "."}, "leave out data_root"),
     ],
 )
@@ -203,8 +206,9 @@ def test_what_cannot_be_encoded_ends_its_frame_and_no_server(head: Path, single:
 
         def broken(instruction: Any, links: Any) -> None:
             if isinstance(instruction, Send) and isinstance(instruction.message, messages.RenderFrame):
-                plan = replaced(instruction.message.plan, order=other(object()))
-                message = replaced(instruction.message, plan=plan)
+                drawing = instruction.message.drawing
+                plan = replaced(drawing.plan, order=other(object()))
+                message = replaced(instruction.message, drawing=replaced(drawing, plan=plan))
                 instruction = replaced_instruction(instruction, message)
             carry_out(instruction, links)
 

@@ -69,11 +69,11 @@ from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.index_rules import Survey
 from volsplat.protocol.rules.light_blocks import light_block_dims
 from volsplat.protocol.rules.regions import Rectangle
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 
@@ -133,7 +133,7 @@ def test_servers_are_told_an_order_and_need_not_choose() -> None:
         FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, require_complete=True)
     )
     told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
-    orders = {message.plan.order for message in told if isinstance(message, messages.RenderFrame)}
+    orders = {message.drawing.plan.order for message in told if isinstance(message, messages.RenderFrame)}
     assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
 
 
@@ -177,7 +177,7 @@ def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     read = coordinator.handle(said(SECOND, messages.SubCubesRead(2, survey, 720, 0.1)))
     assert (FIRST, messages.PackVoxels) in sent(read)
     (render, *_) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
-    assert isinstance(render, messages.RenderFrame) and render.quantisation.window == (0.0, 9.0)
+    assert isinstance(render, messages.RenderFrame) and render.drawing.quantisation.window == (0.0, 9.0)
 
 
 def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
@@ -820,7 +820,7 @@ def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
         coordinator.handle(said(server, messages.SubCubesRead(2, survey, 720, 0.1)))
     (ask, _) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
     assert isinstance(ask, messages.ProbeVoxels)
-    assert (ask.assignment, ask.quantisation.window) == (2, (0.0, 9.0))
+    assert (ask.assignment, ask.drawing.quantisation.window) == (2, (0.0, 9.0))
 
 
 def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
@@ -1022,7 +1022,7 @@ def levels_opened(instructions: list[Instruction]) -> list[int]:
 def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
     """Level and stride that the servers are told."""
     told = [i.message for i in instructions if isinstance(i, Send)]
-    return {(m.level, m.plan.strides[0]) for m in told if isinstance(m, messages.RenderFrame)}
+    return {(m.drawing.level, m.drawing.plan.strides[0]) for m in told if isinstance(m, messages.RenderFrame)}
 
 
 def test_of_a_prepared_volume_a_step_has_the_levels_opened_that_it_needs() -> None:
@@ -1092,7 +1092,7 @@ def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:
     coordinator = opened_store()
     assert levels_opened(coordinator.handle(ProbeAsked(5, zoomed(0.5), 1.0, 1.0))) == [1, 2]
     (ask, _) = [i.message for i in packed(coordinator) if isinstance(i, Send)]
-    assert isinstance(ask, messages.ProbeVoxels) and ask.level == 1
+    assert isinstance(ask, messages.ProbeVoxels) and ask.drawing.level == 1
     asked = coordinator.handle(ProbeAsked(6, zoomed(4.0), 1.0, 1.0))
     assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
 
@@ -1119,9 +1119,8 @@ def test_who_leaves_waits_for_no_newcomer_that_is_lost() -> None:
 def test_depths_of_blocks_are_asked_anew_of_other_patches_and_not_of_other_colours() -> None:
     def frame(number: int, **patch: object) -> messages.RenderFrame:
         scene = SCENE.with_(patches=[{"density": (0.2, 0.6), **patch}])
-        return messages.RenderFrame(
-            number, 1, IN_SLABS, shading_rule(scene, Step.G), GEOMETRY, QUANTISATION, 0, {1: 1}, REGIONS, True
-        )
+        drawing = Drawing.of(scene, IN_SLABS, GEOMETRY, QUANTISATION)
+        return messages.RenderFrame(number, 1, drawing, {1: 1}, REGIONS, True)
 
     depths = BlockDepths()
     ((server, asked),) = depths.ask(frame(1), [1])

@@ -26,9 +26,9 @@ def request(paced: bool, hides: bool = True) -> RenderFrame:
     sent = SAMPLES[RenderFrame][0]
     assert isinstance(sent, RenderFrame)
     order = Order.FRONT_TO_BACK if hides else Order.BACK_TO_FRONT
-    plan = msgspec.structs.replace(sent.plan, order=order)
+    plan = msgspec.structs.replace(sent.drawing.plan, order=order)
     assert plan.reach != Reach.PIXEL and plan.hides == hides
-    return msgspec.structs.replace(sent, plan=plan, paced=paced)
+    return msgspec.structs.replace(sent, drawing=msgspec.structs.replace(sent.drawing, plan=plan), paced=paced)
 
 
 def stats(packets: int, hidden: int) -> dict[int, SplatStats]:

@@ -21,12 +21,12 @@ owners = st.dictionaries(st.integers(1, 9), st.integers(1, 5), min_size=1, max_s
 
 def plan(rows: int = ROWS, turned: bool = False) -> FramePlan:
     assert isinstance(SAMPLE, messages.RenderFrame)
-    return msgspec.structs.replace(SAMPLE.plan, height=rows * TILE_SIDE, turned=turned, edges=())
+    return msgspec.structs.replace(SAMPLE.drawing.plan, height=rows * TILE_SIDE, turned=turned, edges=())
 
 
 def request(regions: list[Region], drawn: FramePlan) -> messages.RenderFrame:
     assert isinstance(SAMPLE, messages.RenderFrame)
-    return msgspec.structs.replace(SAMPLE, plan=drawn, regions=regions)
+    return msgspec.structs.replace(SAMPLE, drawing=msgspec.structs.replace(SAMPLE.drawing, plan=drawn), regions=regions)
 
 
 def draw(

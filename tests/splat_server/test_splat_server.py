@@ -209,7 +209,7 @@ def batches(
     for box in boxes:
         sub_cube = SubCube.of_volume(GEOMETRY, VALUES, box)
         sub_cube.pack(QUANTISATION)
-        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, asked.shading, asked.plan, None, asked.regions)
+        walk = FrameWalk([sub_cube], asked.drawing, None, asked.regions)
         of_workers.append(all_batches(walk, max_packets))
     return of_workers
 
@@ -341,7 +341,7 @@ def test_who_waits_hears_how_far_a_frame_is(bench: Bench) -> None:
         wait_until(lambda: isclose(share(), passed), f"{passed} of it")
 
     bench.renders(1)
-    sheets = request(1).plan.keys[0]
+    sheets = request(1).drawing.plan.keys[0]
     for sequence, sheet in enumerate((0, sheets // 2, sheets - 1)):
         for worker in WORKERS:
             nothing = [messages.BatchPart(0, 0)]
@@ -448,8 +448,10 @@ def test_a_frame_that_cannot_be_drawn_is_refused_and_the_next_one_drawn(bench: B
     for worker, sent in zip(WORKERS, of_workers, strict=True):
         bench.sends(worker, 2, 0, sent[0])
     asked = request(2)
-    huge = msgspec.structs.replace(asked.plan.footprint, half_width=1e5, half_height=1e5)  # type: ignore[type-var]
-    bench.control.send(msgspec.structs.replace(asked, plan=msgspec.structs.replace(asked.plan, footprint=huge)))
+    plan = asked.drawing.plan
+    huge = msgspec.structs.replace(plan.footprint, half_width=1e5, half_height=1e5)  # type: ignore[type-var]
+    drawing = msgspec.structs.replace(asked.drawing, plan=msgspec.structs.replace(plan, footprint=huge))
+    bench.control.send(msgspec.structs.replace(asked, drawing=drawing))
     refused = bench.hears(messages.Refused)[0]
     assert isinstance(refused, messages.Refused)
     assert (refused.request, refused.frame) == ("RenderFrame", 2) and "lower the zoom" in refused.cause

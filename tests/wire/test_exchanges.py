@@ -82,7 +82,7 @@ def test_nothing_is_answered_unasked_and_nothing_twice(way: Way) -> None:
         for n, answer_kind in enumerate(kind.answers):
             answer = msgspec.structs.replace(SAMPLES[answer_kind][0], **ids)
             if isinstance(answer, messages.ImageRead) and isinstance(asked, messages.RenderFrame):
-                width, height = asked.plan.image_size
+                width, height = asked.drawing.plan.image_size
                 answer = msgspec.structs.replace(answer, left=0, top=0, width=width, height=height)
             exchanges = Exchanges(way)
             with pytest.raises(ValueError, match=rf"^{answer_kind.__name__}.* came unasked$"):
@@ -141,8 +141,9 @@ def test_an_image_of_another_size_than_was_asked_for_is_given_no_memory() -> Non
     render = SAMPLES[messages.RenderFrame][0]
     assert isinstance(render, messages.RenderFrame)
     for frame, side in ((1, 32), (2, 64)):
-        plan = msgspec.structs.replace(render.plan, width=side, height=side)
-        exchanges.said(msgspec.structs.replace(render, frame=frame, plan=plan, regions=[Region(3, 0, side)]))
+        plan = msgspec.structs.replace(render.drawing.plan, width=side, height=side)
+        drawing = msgspec.structs.replace(render.drawing, plan=plan)
+        exchanges.said(msgspec.structs.replace(render, frame=frame, drawing=drawing, regions=[Region(3, 0, side)]))
     exchanges.said(messages.ReadImage(2))
     allocated: list[int] = []
 

@@ -159,8 +159,8 @@ def test_an_empty_batch_may_say_that_a_worker_is_done() -> None:
 
 def test_a_plan_that_does_not_check_is_refused_with_its_place() -> None:
     fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.RenderFrame][0]))
-    fields["plan"]["width"] = 0
-    with pytest.raises(RemoteProtocolError, match=r"width must be 1 to 16384 pixels, not 0.*\$\.plan"):
+    fields["drawing"]["plan"]["width"] = 0
+    with pytest.raises(RemoteProtocolError, match=r"width must be 1 to 16384 pixels, not 0.*\$\.drawing\.plan"):
         decode_control(msgspec.msgpack.encode(fields))
 
 

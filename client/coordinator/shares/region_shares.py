@@ -32,6 +32,6 @@ class RegionShares:
         owners = Counter(region.server for region in request.regions)
         work = [pixels for server in owners for pixels in stats[server].work]
         if any(work):
-            self._work[request.plan.turned] = work
+            self._work[request.drawing.plan.turned] = work
         for server, threads in owners.items():
             self._speeds.note(server, sum(stats[server].work), stats[server].splat_seconds * threads)

@@ -53,12 +53,12 @@ def rendered(told: list[Instruction]) -> messages.RenderFrame:
 
 def rectangles(request: messages.RenderFrame) -> dict[int, Rectangle]:
     servers = {region.server for region in request.regions}
-    return {server: rectangle_of(request.plan, lines_of(request.regions, server)) for server in servers}
+    return {server: rectangle_of(request.drawing.plan, lines_of(request.regions, server)) for server in servers}
 
 
 def image(request: messages.RenderFrame, server: int, complete: bool) -> MessageReceived:
     part = rectangles(request)[server]
-    read = messages.ImageRead(request.frame, request.plan.step, complete, *part, messages.RawPixels())
+    read = messages.ImageRead(request.frame, request.drawing.plan.step, complete, *part, messages.RawPixels())
     return said(server, read, bytes(16 * part.width * part.height))
 
 

@@ -19,6 +19,7 @@ from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, Vo
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import greetings, messages
 from volsplat.protocol.messages.control_part import encode_control
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.speech import Speech
@@ -29,7 +30,7 @@ from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared
 from volsplat.protocol.rules.light_blocks import LightBlocks
-from volsplat.protocol.rules.line_of_sight import line_of_sight
+from volsplat.protocol.rules.line_of_sight import line_of_sight, sight_plan
 from volsplat.protocol.rules.packet_layout import ROW_RUN
 from volsplat.protocol.rules.regions import Rectangle, Region
 from volsplat.protocol.rules.shading_rule import shading_rule
@@ -70,6 +71,7 @@ PLAN, SHADING = plan_frame(SCENE, GEOMETRY, Step.F), shading_rule(SCENE, Step.F)
 IN_SLABS = plan_frame(SCENE, GEOMETRY, Step.G)
 PLANE = SlicePlane(GEOMETRY.dims, 2, 3)
 LINE = line_of_sight(SCENE, GEOMETRY, 12.5, 7.25)
+DRAWING = Drawing(PLAN, SHADING, GEOMETRY, QUANTISATION, 0)
 REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 MACHINE = Machine("node-1", "Linux", "a processor", 8)
@@ -120,8 +122,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
-        (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, {1: 1, 2: 4}, REGIONS, True), b""),
-        (messages.SumDepths(7, 1, IN_SLABS, SHADING, GEOMETRY, QUANTISATION, 0), b""),
+        (messages.RenderFrame(7, 1, DRAWING, {1: 1, 2: 4}, REGIONS, True), b""),
+        (messages.SumDepths(7, 1, Drawing(IN_SLABS, SHADING, GEOMETRY, QUANTISATION, 0)), b""),
         (messages.DepthsSummed(7, 1, (2, 1, 1)), struct.pack("<2Q", 65536, 7)),
         (messages.ReadClock(), b""),
         (messages.ClockRead(1024.5), b""),
@@ -155,9 +157,9 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.ChannelsShared(3, 4, 1 << 21), b""),
         (messages.MergeReached(7, 5, 12), b""),
         (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
-        (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
+        (messages.ProbeVoxels(5, 1, LINE, Drawing.of(SCENE, sight_plan(SCENE, GEOMETRY), GEOMETRY, QUANTISATION)), b""),
         (messages.VoxelProbed(5, messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)), b""),
-        (messages.ReadSlice(6, 1, PLANE, PLAN, SHADING, GEOMETRY, QUANTISATION, 0), b""),
+        (messages.ReadSlice(6, 1, PLANE, DRAWING), b""),
         (messages.SliceRead(6, 1, [Rectangle(0, 1, 2, 1)]), struct.pack("<2I8B", 1 << 31, 7, *range(8))),
         (messages.CountPlane(8, 1, 0), b""),
         (messages.PlaneCounted(8, 1), struct.pack("<2Q", 3, 4) + bytes(8 * 65534)),
@@ -238,9 +240,8 @@ _parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_type
 _steps = st.sampled_from(Step)
 _plans = st.tuples(situations(), _steps).map(lambda drawn: plan_frame(*drawn[0], drawn[1]))
 _slab_plans = situations().map(lambda drawn: plan_frame(*drawn, Step.G))
-_lines = st.tuples(situations(), finite, finite).map(lambda drawn: line_of_sight(*drawn[0], *drawn[1:]))
-_shadings = st.builds(shading_rule, scenes(), _steps)
 _level_numbers = st.integers(0, 31)
+_rules = (st.builds(shading_rule, scenes(), _steps), geometries(), quantisations, _level_numbers)  # of a Drawing
 _prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
 _machines = st.builds(Machine, *[st.text(max_size=20)] * 3, st.integers(1, 64))
 _link_stats = st.builds(messages.LinkStats, *[counts] * 2, *[seconds] * 2)
@@ -290,21 +291,24 @@ _pixels = st.one_of(
 
 def _render_frame(plan: FramePlan, cut: int, *others: Any) -> messages.RenderFrame:
     middle = min(cut * TILE_SIDE, plan.height)
-    frame, assignment, shading, geometry, quantisation, level, workers = others
+    frame, assignment, workers, *drawing = others
     regions = [Region(5, 0, middle), Region(2, middle, plan.height)]
     return messages.RenderFrame(
         frame,
         assignment,
-        plan,
-        shading,
-        geometry,
-        quantisation,
-        level,
+        Drawing(plan, *drawing),
         workers,
         regions,
         cut % 2 == 0,
         light=LightBlocks((9, 8, 7), (2, 1, 3), bytes(range(12)), 0.5, 0.25) if plan.slabs else None,
     )
+
+
+def _probe_voxels(
+    situation: tuple[Scene, Geometry], probe: int, assignment: int, x: float, y: float, *rules: Any
+) -> messages.ProbeVoxels:
+    line, drawing = line_of_sight(*situation, x, y), Drawing(sight_plan(*situation), *rules)
+    return messages.ProbeVoxels(probe, assignment, line, drawing)
 
 
 STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
@@ -350,9 +354,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ),
         counts,
     ),
-    messages.SumDepths: st.builds(
-        messages.SumDepths, ids, ids, _slab_plans, _shadings, geometries(), quantisations, _level_numbers
-    ),
+    messages.SumDepths: st.builds(messages.SumDepths, ids, ids, st.builds(Drawing, _slab_plans, *_rules)),
     messages.DepthsSummed: st.builds(messages.DepthsSummed, ids, ids, st.tuples(*[st.integers(1, 3)] * 3)),
     messages.NameSession: st.builds(messages.NameSession, lines),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
@@ -382,11 +384,8 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         st.integers(0, 9),
         ids,
         ids,
-        _shadings,
-        geometries(),
-        quantisations,
-        _level_numbers,
         st.dictionaries(ids, st.integers(1, 64), max_size=3),
+        *_rules,
     ),
     messages.ReadClock: st.builds(messages.ReadClock),
     messages.ClockRead: st.builds(messages.ClockRead, st.floats(-1e12, 1e12)),
@@ -426,17 +425,13 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.TilesClosed: st.builds(
         messages.TilesClosed, ids, st.integers(1, 600), st.integers(0, 5).map(TILE_SIDE.__mul__), st.integers(20, 40)
     ),
-    messages.ProbeVoxels: st.builds(
-        messages.ProbeVoxels, ids, ids, _lines, _shadings, geometries(), quantisations, _level_numbers
-    ),
+    messages.ProbeVoxels: st.builds(_probe_voxels, situations(), ids, ids, finite, finite, *_rules),
     messages.VoxelProbed: st.builds(
         messages.VoxelProbed,
         ids,
         st.none() | st.builds(messages.ProbedVoxel, _voxel, finite, finite),
     ),
-    messages.ReadSlice: st.builds(
-        messages.ReadSlice, ids, ids, st.just(PLANE), _plans, _shadings, geometries(), quantisations, _level_numbers
-    ),
+    messages.ReadSlice: st.builds(messages.ReadSlice, ids, ids, st.just(PLANE), st.builds(Drawing, _plans, *_rules)),
     messages.SliceRead: st.builds(
         messages.SliceRead,
         ids,

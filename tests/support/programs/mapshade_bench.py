@@ -19,10 +19,10 @@ from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.levels import own_resolution
-from volsplat.protocol.rules.line_of_sight import line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.line_of_sight import line_of_sight, sight_plan
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -160,4 +160,6 @@ def render(
 def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
     width, height = scene.image.width, scene.image.height
     line = line_of_sight(scene, geometry, (width - 1) / 2, (height - 1) / 2)
-    return messages.ProbeVoxels(1, assignment, line, shading_rule(scene, Step.F), geometry, QUANTISATION, level=0)
+    return messages.ProbeVoxels(
+        1, assignment, line, Drawing.of(scene, sight_plan(scene, geometry), geometry, QUANTISATION)
+    )

@@ -18,10 +18,10 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.regions import Region
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.wire.shared_memory import sealed_memory
 from volsplat.splat_server._kernels import BatchTaker, Bell, ReadBudget
 from volsplat.splat_server.frame_assembly import FrameAssembly
@@ -90,8 +90,7 @@ def walk_of(
     walkers: int = WALKERS,
     closed_tiles: memoryview | None = None,
 ) -> FrameWalk:
-    shading = shading_rule(scene, plan.step)
-    return FrameWalk([held], held.geometry, PLAIN, shading, plan, closed_tiles, regions, walkers)
+    return FrameWalk([held], Drawing.of(scene, plan, held.geometry, PLAIN), closed_tiles, regions, walkers)
 
 
 def held_of(geometry: Geometry, values: Tensor) -> SubCube:

@@ -71,25 +71,26 @@ def rendered(
         owners={1: threads},
         shares=RegionShares(),
     )
-    plan, regions = request.plan, _regions(request.plan.height, threads, arrival)
+    plan = request.drawing.plan
+    regions = _regions(plan.height, threads, arrival)
     request = msgspec.structs.replace(request, regions=regions)
     held_by = [[SubCube.of_volume(held, values, box) for box in boxes] for boxes in holdings]
     for sub_cubes in held_by:
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
     request = _lit(request, scene, held_by)
-    shading, news = request.shading, Bell()
+    news = Bell()
     if walkers is None:
         with owners(threads) as made:
             assembly = FrameAssembly(made, plan, 1, slabs_of(request))
             everything, tiles = [sub_cube for sub_cubes in held_by for sub_cube in sub_cubes], assembly.closed_tiles
-            walk = FrameWalk(everything, geometry, quantisation, shading, plan, tiles, regions, walkers)
+            walk = FrameWalk(everything, request.drawing, tiles, regions, walkers)
             assembly.begin(regions, 0, news, walks=walk.walkers)
             wait_until_complete(assembly.splat, news)
             return _image(assembly)
     walks = []
     for sub_cubes in held_by:
-        walks += FrameWalk(sub_cubes, geometry, quantisation, shading, plan, None, regions, walkers).walkers
+        walks += FrameWalk(sub_cubes, request.drawing, None, regions, walkers).walkers
     budget = ReadBudget(1 << 62, news)
     with owners(threads) as made:
         assembly = FrameAssembly(made, plan, 1, slabs_of(request))
@@ -114,7 +115,7 @@ def _image(assembly: FrameAssembly) -> Tensor:
 def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence[SubCube]]) -> messages.RenderFrame:
     """With what dims its light, by what each worker holds."""
     depths = BlockDepths()
-    if not need_depths(scene, request.plan.step):
+    if not need_depths(scene, request.drawing.plan.step):
         return request
     for worker, asked in depths.ask(request, range(1, len(held_by) + 1)):
         depths.take(worker, *depths_summed(asked, held_by[worker - 1]))
