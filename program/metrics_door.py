@@ -129,7 +129,7 @@ class _Server(ThreadingHTTPServer):
         try:
             late.start()
             super().process_request_thread(request, client_address)
-        except RuntimeError:  # likewise for who would hang up
+        except RuntimeError:  # the system has no thread left to give for who would hang up
             self.shutdown_request(request)
         finally:
             late.cancel()

@@ -11,7 +11,7 @@ from volsplat.splat_server._kernels import Ellipse, FootprintTable, KernelProjec
 
 CACHE_BUDGET = 3 << 19  # bytes: what is left of a 2 MiB second-level cache beside some rows of the image
 FINEST_RATIO = 64  # offsets a voxel that a table keeps even beyond the cache: what packets have at a pixel a voxel
-COARSEST_OFFSET_BITS = 3  # 8 offsets a pixel, likewise
+COARSEST_OFFSET_BITS = 3  # 8 offsets a pixel, which are kept even beyond the cache
 LARGEST_TABLE = 1 << 25  # bytes: beyond, offsets give way
 ROUNDING = 1e-6  # of a logarithm
 LARGEST_HALF = 1 << 14  # pixels from the middle of one, which kernels count in 16 bits

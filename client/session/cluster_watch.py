@@ -20,9 +20,9 @@ from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.text.printable import one_line
 
 MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
-UNHEARD_SECONDS = 5.0  # likewise, after which others draw without one whose machine cannot be asked about it …
+UNHEARD_SECONDS = 5.0  # after which others draw without one whose machine cannot be asked about it …
 JOINING_SECONDS = 20.0  # … or that runs, and should have dialled
-FROZEN_SECONDS = 2.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
+FROZEN_SECONDS = 2.0  # after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
 ASKED_WHERE_THEY_RUN = ("local", "ssh")  # launchers; others ask an engine of its servers, or nobody
 

@@ -11,9 +11,8 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.levels import finest_needed
 from volsplat.protocol.rules.resolved_view import FIT_FRACTION, zoom_showing_all
 
-RATES = Rates(
-    voxel=0.1e-9, packet=10e-9, splat=4e-9, pixel=0.4e-9, frame=5e-3
-)  # docs/how_it_works/performance.md: the model
+# docs/how_it_works/performance.md: the model
+RATES = Rates(voxel=0.1e-9, packet=10e-9, splat=4e-9, pixel=0.4e-9, frame=5e-3)
 SHARES = {"a tenth": 0.1, "a hundredth": 0.01}  # of the voxels that show: nested shells, a thin surface
 FOOTPRINT_SIDE = 4.0  # voxels, and pixels at least
 

@@ -31,7 +31,7 @@ class Besides:
 
     box: Box
     means: BlockScalars | None  # for the next level, if there is one
-    mixtures: list[Mixture]  # of each shard, likewise
+    mixtures: list[Mixture]  # of each shard, for the next level
     columns: list[ColumnRows]
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 

@@ -32,9 +32,10 @@ class Patch(Part, frozen=True):
         float, Key("How far its rim reaches inwards, over which the opacity rises: 1 is to the middle.", _IN_EDITOR)
     ] = 0.5
     opacity: Annotated[float, Key("For a thickness of one reference spacing, within the rim.", _IN_EDITOR)] = 0.5
-    emit: Annotated[tuple[float, float, float], Key("The colour that a sample gives off by itself.", _IN_EDITOR)] = (
-        NO_COLOUR
-    )
+    emit: Annotated[
+        tuple[float, float, float],
+        Key("The colour that a sample gives off by itself.", _IN_EDITOR),
+    ] = NO_COLOUR
     refl: Annotated[tuple[float, float, float], Key("The colour that a sample reflects.", _IN_EDITOR)] = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:

@@ -182,9 +182,10 @@ class CrossBar(Part, frozen=True):
     emit: Annotated[Field, Key("The field that chooses the emitted colour.", PartOf("cross-bar"))] = Field.DENSITY
     refl: Annotated[Field, Key("The field that chooses the reflected colour.", PartOf("cross-bar"))] = Field.DENSITY
     opac: Annotated[Field, Key("The field that chooses the opacity.", PartOf("cross-bar"))] = Field.DENSITY
-    modu: Annotated[Field, Key("The field that chooses the factor on the opacity.", PartOf("cross-bar"))] = (
-        Field.STRENGTH
-    )
+    modu: Annotated[
+        Field,
+        Key("The field that chooses the factor on the opacity.", PartOf("cross-bar")),
+    ] = Field.STRENGTH
 
 
 class Shading(Part, frozen=True):
@@ -444,9 +445,10 @@ class Image(Part, frozen=True):
             allowed=_COLOUR,
         ),
     ] = (0.0, 0.0, 0.0)
-    edges: Annotated[bool, Key("Draw the volume's boundary as white edges.", Switch("white edges of the volume"))] = (
-        False
-    )
+    edges: Annotated[
+        bool,
+        Key("Draw the volume's boundary as white edges.", Switch("white edges of the volume")),
+    ] = False
 
 
 class Quantise(Part, frozen=True):

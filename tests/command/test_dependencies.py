@@ -59,6 +59,7 @@ DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
     "prometheus_client": "prometheus-client",
 }
 IMPORTERS = {"library", "import_module"}  # functions that import what they are given by name
+# With what belongs to a test alone.
 OURS = {
     "volsplat",
     "support",
@@ -70,7 +71,7 @@ OURS = {
     "first_pictures",
     "security",
     "large_library",
-}  # and a test's own
+}
 SOURCES = [path.relative_to(ROOT) for part in MAY_USE if "/" not in part for path in (ROOT / part).rglob("*.py")]
 
 

@@ -187,9 +187,8 @@ def test_an_abort_ends_all_walkers(bench: Bench, full: Path, shells: Path) -> No
 
 def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> None:
     there = bench.splat_servers[0].address
-    links = DataLinks(
-        bench.token, lambda: True, Heartbeat(), Encryption.BETWEEN_MACHINES
-    )  # so that nobody is dialled twice
+    # Given up, so that nobody is dialled twice.
+    links = DataLinks(bench.token, lambda: True, Heartbeat(), Encryption.BETWEEN_MACHINES)
     nobody, unknown = messages.Route(9, there.host, free_port(), KEY), messages.Route(8, "nowhere.invalid", 7, KEY)
     links.connect([nobody, unknown, messages.Route(2, there.host, there.port, KEY)], 1)
     assert list(links.of_servers) == [2]

@@ -90,9 +90,8 @@ def test_the_picture_is_the_same_before_and_after(workers: int, prepared: bool, 
     lines: list[str] = []
     with SingleProcess(path) as single, Session(path, workers=workers, on_progress=lines.append) as session:
         shown = scene(session)
-        session.render(
-            shown, Step.A
-        )  # of a store another level is read for C, with all libraries there: so it is timed
+        # Of a store another level is then read for C, with all libraries there: so its reading is timed.
+        session.render(shown, Step.A)
         before, expected = boxes(session), single.render(shown, Step.C)
         assert torch.equal(session.render(shown, Step.C), expected)
         with eager():

@@ -34,9 +34,7 @@ class ProcessorTime:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         report = yield
-        now = (
-            used()
-        )  # in each phase: with the last one goes what has no parent that waits for it, like a browser's tabs
+        now = used()  # in each phase: with the last one goes what nobody waits for, like a browser's tabs
         report.user_properties.append((PROPERTY, max(0.0, now - self._before)))
         self._before = now
         return report

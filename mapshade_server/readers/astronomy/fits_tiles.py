@@ -14,10 +14,8 @@ GZIP_METHODS = ("GZIP_1", "GZIP_2")
 HCOMPRESS, HCOMPRESS_MAGIC = "HCOMPRESS_1", b"\xdd\x99"
 MOST_BYTES_A_PIXEL = 8
 SLACK = 1 << 12
-DESCRIPTORS: dict[str, np.dtype[Any]] = {
-    "P": np.dtype(">i4"),
-    "Q": np.dtype(">i8"),
-}  # of a column of arrays: two, length and place in the heap
+# Of a column of arrays: each has two of these, its length and its place in the heap.
+DESCRIPTORS: dict[str, np.dtype[Any]] = {"P": np.dtype(">i4"), "Q": np.dtype(">i8")}
 
 
 class _Column(NamedTuple):

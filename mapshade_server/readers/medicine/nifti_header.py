@@ -13,7 +13,7 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import StoredVoxels,
 from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = (348, 348, 540)  # by the version of NIfTI, 0 for Analyze
-FIRST_VOXEL = (0, 352, 544)  # likewise: at the earliest, if voxels follow the header in one file
+FIRST_VOXEL = (0, 352, 544)  # by the version: at the earliest, if voxels follow the header in one file
 LARGEST_OFFSET = 1 << 40
 _NIFTI_1 = {
     "dim": (40, "i2", 8),

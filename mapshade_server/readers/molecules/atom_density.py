@@ -40,13 +40,11 @@ BOND_HEIGHT = 0.5  # of the lighter atom's
 BOND_TOLERANCE = 0.4  # Å beyond the radii, as is usual
 LEAST_BOND = 0.4  # Å; nearer atoms are one atom's two places
 NARROWEST = 0.7  # voxels
-MOST_PAIRS, FEW_PAIRS = (
-    512,
-    1 << 20,
-)  # an atom, twice what the largest ones in a solid have; in all, which always may be
+MOST_PAIRS = 512  # of an atom: twice what the largest ones in a solid have
+FEW_PAIRS = 1 << 20  # in all, which always may be
 
 MOST_VOXELS_ASIDE = 192  # of the grid that is chosen
-FINEST_SPACING, COARSEST_SPACING = 0.2, 1.0  # Å, likewise
+FINEST_SPACING, COARSEST_SPACING = 0.2, 1.0  # Å, of that grid
 
 
 @dataclass(frozen=True)

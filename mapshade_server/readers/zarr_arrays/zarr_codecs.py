@@ -22,10 +22,11 @@ from volsplat.mapshade_server.readers.reading.bounded_unpacking import (
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.protocol.text.errors import BadInput
 
+# What they put out is as large as what they take, or nearly so.
 SIZE_KEEPING = (
     *("adler32", "astype", "base64", "bitround", "crc32", "crc32c", "delta", "fixedscaleoffset", "fletcher32"),
     *("jenkins_lookup3", "packbits", "quantize", "shuffle"),
-)  # or nearly so
+)
 BOUNDED = ("blosc", "bz2", "gzip", "lz4", "lzma", "zlib", "zstd")
 SLACK = 2, 1 << 16  # times what is promised, and bytes: a packed part of a chain may be longer than its content
 
