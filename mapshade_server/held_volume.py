@@ -375,8 +375,5 @@ def _unchanged() -> None:
 
 
 HANDLERS = handlers(HeldVolume)
-TAKEN_AFTER = {
-    messages.PackVoxels,
-    messages.ChangeSubCubes,
-    messages.LendVolume,
-}  # what is read by others is packed later
+# After these nothing more is taken of the memory that was asked for. What others read is packed later, by PackVoxels.
+TAKEN_AFTER = {messages.PackVoxels, messages.ChangeSubCubes, messages.LendVolume}
