@@ -6,6 +6,8 @@ What was answered last is kept, and holds while tables, bounds and what is held 
 from collections.abc import Iterable
 from typing import Any
 
+import msgspec
+
 from volsplat.protocol.description.patches import colourless
 from volsplat.protocol.description.scene import SCREEN_FIELDS, Light, Scene, Step
 from volsplat.protocol.description.volume import Index
@@ -73,12 +75,13 @@ class BlockDepths:
         if not self._pending:
             self._depths = _means(self._sums, asked.drawing.dims)
 
-    def blocks(self, light: Light) -> LightBlocks:
-        """Once they are known."""
+    def dimmed(self, frame: RenderFrame, light: Light) -> RenderFrame:
+        """The request with what dims its light, once that is known."""
         assert self._asked is not None and not self._pending
         dims = self._asked.drawing.dims
         size, blocks = light_block_size(dims), light_block_dims(dims)
-        return LightBlocks(size, blocks, self._depths, light.shadows, light.occlusion)
+        passed = LightBlocks(size, blocks, self._depths, light.shadows, light.occlusion)
+        return msgspec.structs.replace(frame, light=passed)
 
 
 def _means(sums: Any, dims: Index) -> bytes:

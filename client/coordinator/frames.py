@@ -2,8 +2,6 @@
 
 from itertools import starmap
 
-import msgspec
-
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
@@ -18,7 +16,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
-from volsplat.client.coordinator.frame_request import HiddenShare, frame_request
+from volsplat.client.coordinator.hidden_share import HiddenShare
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.running_frame import RunningFrame, progress_words
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, incomplete
@@ -26,6 +24,7 @@ from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
+from volsplat.client.volume.computable import computable
 from volsplat.protocol.messages.frame_messages import (
     AbortFrame,
     DepthsSummed,
@@ -34,6 +33,7 @@ from volsplat.protocol.messages.frame_messages import (
     FrameMapped,
     FrameProgress,
     ReadProgress,
+    RenderFrame,
 )
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.image_messages import ImageRead, ReadImage
@@ -78,46 +78,48 @@ class Frames:
             return []
         if not holding.boxes or (frame.require_complete and self._servers.missing):  # others are about to read it
             return [] if holding.assignments.may_move else self.end(incomplete(self._servers.states.values()))
-        geometry = volume.description.geometry
         frame.scene = volume.settled(frame.scene)
         try:
             volume.check_step(frame.step)
-            packing = holding.wanted(frame.scene, frame.step, steady=not frame.require_complete)
-            if not holding.settled:
-                return holding.prepare(packing) if holding.gives_way(packing) else []
-            if not holding.holds(packing):
-                return holding.prepare(packing)
-            resolution = holding.resolution(frame.step, frame.scene.refine.striding, frame.thinning)
-            render = frame_request(
-                frame.frame,
-                holding.assignment,
-                frame.scene,
-                frame.step,
-                geometry,
-                packing.quantisation,
-                resolution,
-                {worker: self._servers.machines[worker].threads for worker in holding.boxes},
-                self._servers.owners,
-                self._shares,
-                frame.exact,
-                self._hidden.much,
-            )
+            with computable():
+                packing = holding.wanted(frame.scene, frame.step, steady=not frame.require_complete)
+                if not (holding.settled and holding.holds(packing)):
+                    return holding.prepare(packing) if holding.settled or holding.gives_way(packing) else []
+                request = self._request(frame)
         except BadInput as error:
             return self.end(error)
-        except ValueError as error:
-            return self.end(BadInput(str(error)))
-        lit = render
         if need_depths(frame.scene, frame.step):
-            if asked := self._depths.ask(render, holding.boxes):
+            if asked := self._depths.ask(request, holding.boxes):
                 return [ReportProgress("adding up what dims the light"), *starmap(Send, asked)]
             if self._depths.under_way:
                 return []
-            lit = msgspec.structs.replace(render, light=self._depths.blocks(frame.scene.light))
-        frame.start(render, packing.why_level)
+        frame.start(request, packing.why_level)
+        return self._started(frame, request)
+
+    def _request(self, frame: RunningFrame) -> RenderFrame:
+        """Of what is held. Raises ValueError where the scene does not fit the volume."""
+        holding, servers = self._holding, self._servers
+        resolution = holding.resolution(frame.step, frame.scene.refine.striding, frame.thinning)
+        drawing = holding.drawing(frame.scene, frame.step, resolution)
+        return RenderFrame(
+            frame=frame.frame,
+            assignment=holding.assignment,
+            drawing=drawing,
+            workers={worker: servers.machines[worker].threads for worker in holding.boxes},
+            regions=self._shares.regions(drawing.plan, servers.owners),
+            exact=frame.exact,
+            paced=self._hidden.much,
+        )
+
+    def _started(self, frame: RunningFrame, request: RenderFrame) -> list[Instruction]:
+        """Have all servers draw it."""
+        dimmed = need_depths(frame.scene, frame.step)
+        of_splat_servers = self._depths.dimmed(request, frame.scene.light) if dimmed else request
         partial = self.read_partial(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
         return [
             ReportProgress(f"step {frame.step}"),
-            *(Send(server, lit if server in self._servers.splat_servers else render) for server in self._drawing()),
+            *(Send(worker, request) for worker in self._holding.boxes),
+            *(Send(server, of_splat_servers) for server in self._servers.splat_servers),
             *partial,
         ]
 

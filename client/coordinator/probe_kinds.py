@@ -12,6 +12,7 @@ from volsplat.client.coordinator.coordinator_events import Found, PlaneAsked, Pr
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
+from volsplat.client.volume.computable import computable
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry
@@ -21,11 +22,9 @@ from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.plane_messages import CountPlane, PlaneCounted
 from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
 from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.line_of_sight import line_of_sight, sight_plan
 from volsplat.protocol.rules.slice_plane import level_plane
 from volsplat.protocol.rules.traversal import Traversal
-from volsplat.protocol.text.errors import BadInput
 
 Asked = ProbeAsked | SliceAsked | PlaneAsked
 
@@ -42,8 +41,8 @@ class Probe(Protocol):
     def found(self) -> Found:
         """The answer, once all have given theirs."""
 
-    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ProbeVoxels | ReadSlice | CountPlane:
-        """What to ask all servers. Raises ValueError for what cannot be computed with."""
+    def request(self, holding: VolumeHolding) -> ProbeVoxels | ReadSlice | CountPlane:
+        """What to ask all servers of the packets that they hold. Raises ValueError for what cannot be computed with."""
 
     def answered_by(self, message: Message) -> bool:
         """Whether it is of the boxes that are held now: before a loss a server may have held fewer."""
@@ -75,14 +74,15 @@ class PointProbe:
     def found(self) -> ProbedVoxel | None:
         return min(self.voxels, key=lambda voxel: self.traversal.place(voxel.index), default=None)
 
-    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ProbeVoxels:
+    def request(self, holding: VolumeHolding) -> ProbeVoxels:
+        assert holding.packing is not None
         asked, geometry, resolution = self.asked, holding.description.geometry, holding.finest()
         plan = sight_plan(asked.scene, geometry, resolution)
         return ProbeVoxels(
             probe=asked.probe,
             assignment=holding.assignment,
             line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
-            drawing=Drawing.of(asked.scene, plan, geometry, packed_by, resolution.level),
+            drawing=Drawing.of(asked.scene, plan, geometry, holding.packing.quantisation, resolution.level),
         )
 
     def answered_by(self, message: Message) -> bool:
@@ -117,16 +117,16 @@ class SliceProbe:
     def found(self) -> VolumeSlice | None:
         return self.slice
 
-    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ReadSlice:
-        geometry, resolution, axis = holding.description.geometry, holding.finest(), self.asked.axis
-        plan = plan_frame(self.asked.scene, geometry, Step.F, resolution)
-        plane = level_plane(geometry.dims, plan.factors, axis, self.asked.index, self.asked.longest)
-        self.slice, self.assignment = VolumeSlice.empty(plane, plan.factors, packed_by), holding.assignment
+    def request(self, holding: VolumeHolding) -> ReadSlice:
+        asked, drawing = self.asked, holding.drawing(self.asked.scene, Step.F, holding.finest())
+        factors = drawing.plan.factors
+        plane = level_plane(drawing.geometry.dims, factors, asked.axis, asked.index, asked.longest)
+        self.slice, self.assignment = VolumeSlice.empty(plane, factors, drawing.quantisation), holding.assignment
         return ReadSlice(
-            probe=self.asked.probe,
+            probe=asked.probe,
             assignment=holding.assignment,
             plane=plane,
-            drawing=Drawing.of(self.asked.scene, plan, geometry, packed_by, resolution.level),
+            drawing=drawing,
         )
 
     def answered_by(self, message: Message) -> bool:
@@ -155,7 +155,7 @@ class PlaneProbe:
     def found(self) -> PlaneCounts:
         return self.counts
 
-    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> CountPlane:
+    def request(self, holding: VolumeHolding) -> CountPlane:
         self.assignment = holding.assignment
         return CountPlane(self.asked.probe, holding.assignment, holding.finest().level)
 
@@ -172,7 +172,7 @@ class PlaneProbe:
 def probe_for(asked: Asked, volume: SurveyedVolume) -> Probe:
     """Raises BadInput if what is asked for does not fit the volume."""
     geometry = volume.description.geometry
-    try:
+    with computable():
         settled = replace(asked, scene=volume.settled(asked.scene))
         match settled:
             case ProbeAsked():
@@ -181,5 +181,3 @@ def probe_for(asked: Asked, volume: SurveyedVolume) -> Probe:
                 return SliceProbe.of(settled, geometry)
             case PlaneAsked():
                 return PlaneProbe(settled)
-    except ValueError as error:
-        raise BadInput(str(error)) from error

@@ -17,6 +17,7 @@ from volsplat.client.coordinator.open_questions import OpenQuestions
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.probe_kinds import Asked, Probe, probe_for
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.volume.computable import computable
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages.frame_messages import VoxelProbed
 from volsplat.protocol.messages.handlers import takes
@@ -66,17 +67,15 @@ class Probes(OpenQuestions[Probe]):
             if holding.volume is None or not holding.settled or not holding.boxes:
                 break
             try:
-                packing = holding.wanted(probe.asked.scene, Step.F, steady=True)
+                with computable():
+                    packing = holding.wanted(probe.asked.scene, Step.F, steady=True)
             except BadInput as error:
                 sent += self.refused(probe.asked.probe, error)
-                continue
-            except ValueError as error:
-                sent += self.refused(probe.asked.probe, BadInput(str(error)))
                 continue
             held = holding.packing
             if held is None or (packing.quantisation != held.quantisation and not _takes_any(probe)):
                 return sent + holding.prepare(packing)  # any level will do
-            ask = probe.request(holding, held.quantisation)
+            ask = probe.request(holding)
             probe.pending = set(holding.boxes)  # whose answers are waited for from now on
             sent += [Send(worker, ask) for worker in holding.boxes]
         return sent

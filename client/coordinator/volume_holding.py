@@ -26,6 +26,7 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.volume_messages import (
@@ -138,6 +139,11 @@ class VolumeHolding:
         level = self.packing.level
         grid = self.volume.description.geometry if self._levels is None else self._levels.grids[level]
         return Resolution(level=level, geometry=grid, stride=1)
+
+    def drawing(self, scene: Scene, step: Step, resolution: Resolution) -> Drawing:
+        """What a step draws of the packets that are held. Raises ValueError where the scene does not fit the volume."""
+        assert self.packing is not None
+        return Drawing.planned(scene, step, self.description.geometry, self.packing.quantisation, resolution)
 
     @property
     def source(self) -> tuple[str, VolumeIdentity] | None:

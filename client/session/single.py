@@ -13,8 +13,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from volsplat.client.caller.arguments import (
     checked_axis,
     checked_bytes,
@@ -41,7 +39,6 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
     SliceAsked,
 )
-from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.probe_kinds import Asked, probe_for
 from volsplat.client.coordinator.running_frame import progress_words
@@ -64,6 +61,7 @@ from volsplat.client.session.renderer import (
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.single_frame import note_frame
+from volsplat.client.volume.computable import computable
 from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.answers.file_voxels import FileVoxels
@@ -79,9 +77,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.handlers import handlers
-from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
@@ -251,13 +247,10 @@ class SingleProcess:
     def _found(self, asked: Asked) -> Found:
         """What the voxels tell that are held for the scene. Raises BadInput."""
         probe = probe_for(asked, self.volume)
-        try:
-            with self._drawing:
-                packing = self._packed(probe.asked.scene, Step.F)
-                request = probe.request(self._holding, packing.quantisation)
-                sub_cubes = self._held.sub_cubes_asked(request)
-        except ValueError as error:
-            raise BadInput(str(error)) from error
+        with self._drawing, computable():
+            self._packed(probe.asked.scene, Step.F)
+            request = probe.request(self._holding)
+            sub_cubes = self._held.sub_cubes_asked(request)
         answer = VoxelAnswers(sub_cubes).answer(request)
         probe.take(answer.message, answer.whole_payload)
         return probe.found
@@ -265,16 +258,12 @@ class SingleProcess:
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
         scene, every = checked_scene(scene), checked_count(every, "every")
-        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        try:
-            with self._drawing:
-                rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
-                sub_cubes = self._held.sub_cubes(resolution.level)
-            plan = plan_frame(scene, geometry, Step.F, resolution)
-        except ValueError as error:
-            raise BadInput(str(error)) from error
-        drawing = Drawing.of(scene, plan, geometry, rules, resolution.level)
-        return VoxelSheets(sub_cubes, VoxelFields(drawing, mixture_of(sub_cubes)), resolution.geometry, every)
+        scene = self.volume.settled(scene)
+        with self._drawing, computable():
+            self._packed(scene, Step.F)
+            finest = self._holding.finest()
+            drawing, sub_cubes = self._holding.drawing(scene, Step.F, finest), self._held.sub_cubes(finest.level)
+        return VoxelSheets(sub_cubes, VoxelFields(drawing, mixture_of(sub_cubes)), finest.geometry, every)
 
     def _drawn(self, begun: _Begun, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one. Raises Superseded."""
@@ -322,43 +311,32 @@ class SingleProcess:
         began = time.perf_counter()
         self._opened_by.check()
         self.volume.check_step(step)
-        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
+        scene = self.volume.settled(scene)
         self._frame += 1
-        try:
-            packing = self._packed(scene, step)
-            self._why_level = packing.why_level
-            resolution = self._holding.resolution(step, scene.refine.striding)
-            threads = {WORKER: self._threads}
-            request = frame_request(
-                self._frame,
-                self._held.assignment,
-                scene,
-                step,
-                geometry,
-                packing.quantisation,
-                resolution,
-                workers=threads,
-                owners=threads,
-                shares=self._shares,
-            )
-            if need_depths(scene, step):
-                request = self._lit(request, scene)
+        with computable():
+            self._why_level = self._packed(scene, step).why_level
+            request = self._request(scene, step)
             assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
-        except ValueError as error:
-            raise BadInput(str(error)) from error
         self._say(f"step {step}")
-        sub_cubes = self._held.sub_cubes(resolution.level)
+        sub_cubes = self._held.sub_cubes_asked(request)
         walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=None)
         assembly.begin(request.regions, 0, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return _Begun(step, request, assembly, at=began, planned=time.perf_counter())
 
-    def _lit(self, request: messages.RenderFrame, scene: Scene) -> messages.RenderFrame:
-        """The request with what dims its light."""
+    def _request(self, scene: Scene, step: Step) -> messages.RenderFrame:
+        """Of what is held, with what dims its light."""
+        threads = {WORKER: self._threads}
+        drawing = self._holding.drawing(scene, step, self._holding.resolution(step, scene.refine.striding))
+        regions = self._shares.regions(drawing.plan, threads)
+        request = messages.RenderFrame(self._frame, self._held.assignment, drawing, threads, regions, exact=True)
+        return self._dimmed(request, scene) if need_depths(scene, step) else request
+
+    def _dimmed(self, request: messages.RenderFrame, scene: Scene) -> messages.RenderFrame:
         for server, asked in self._depths.ask(request, [WORKER]):
             answer = VoxelAnswers(self._held.sub_cubes_asked(asked)).answer(asked)
             assert isinstance(answer.message, messages.DepthsSummed)
             self._depths.take(server, answer.message, answer.whole_payload)
-        return msgspec.structs.replace(request, light=self._depths.blocks(scene.light))
+        return self._depths.dimmed(request, scene.light)
 
     def _outcome(
         self, request: messages.RenderFrame, assembly: FrameAssembly, planning: float, frame: float

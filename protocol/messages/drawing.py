@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.message import Detail, LevelNumber
-from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
-from volsplat.protocol.rules.levels import dims_at_level
+from volsplat.protocol.rules.levels import Resolution, dims_at_level
 from volsplat.protocol.rules.shading_rule import ShadingRule, shading_rule
 
 
@@ -26,6 +26,14 @@ class Drawing(Detail, frozen=True):
     ) -> Drawing:
         """What a scene shows by its plan."""
         return cls(plan, shading_rule(scene, plan.step), geometry, quantisation, level)
+
+    @classmethod
+    def planned(
+        cls, scene: Scene, step: Step, geometry: Geometry, quantisation: Quantisation, resolution: Resolution
+    ) -> Drawing:
+        """What a step of a scene shows. Raises ValueError where the scene does not fit the volume."""
+        plan = plan_frame(scene, geometry, step, resolution)
+        return cls.of(scene, plan, geometry, quantisation, resolution.level)
 
     @property
     def dims(self) -> Index:

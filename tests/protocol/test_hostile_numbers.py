@@ -17,7 +17,6 @@ from support.scenes.arbitrary import plain_scene
 from support.scenes.owned import owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from support.thoroughness import examples
-from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.answers.probe import front_most
@@ -126,11 +125,10 @@ class Situation(msgspec.Struct):
 
 
 def render(step: Step) -> messages.RenderFrame:
-    request = frame_request(
-        1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, {2: 1}, RegionShares()
-    )
-    light = LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5) if request.drawing.plan.slabs else None
-    return msgspec.structs.replace(request, light=light)
+    drawing = Drawing.planned(EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step))
+    regions = RegionShares().regions(drawing.plan, {2: 1})
+    light = LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5) if drawing.plan.slabs else None
+    return messages.RenderFrame(1, 1, drawing, {1: 1}, regions, exact=True, light=light)
 
 
 @pytest.fixture(scope="module")

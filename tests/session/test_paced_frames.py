@@ -8,7 +8,7 @@ import pytest
 from support.messages.message_samples import SAMPLES
 from volsplat.bench.hosts.cluster import cluster_of_hosts
 from volsplat.bench.hosts.namespaces import why_no_lab
-from volsplat.client.coordinator.frame_request import PACED_FRAMES, HiddenShare
+from volsplat.client.coordinator.hidden_share import PACED_FRAMES, HiddenShare
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess

@@ -22,7 +22,6 @@ from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.scenes.shaded_packets import all_batches
 from support.thoroughness import examples
-from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
@@ -32,6 +31,7 @@ from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.refusals import OUT_OF_MEMORY
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA, TILE_SIDE, tile_map_shape
@@ -61,10 +61,9 @@ KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WOR
 
 
 def request(frame: int, scene: Scene = SCENE, step: Step = Step.F) -> messages.RenderFrame:
-    resolution = own_resolution(GEOMETRY, step)
-    return frame_request(
-        frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, dict.fromkeys(WORKERS, 1), {1: 1}, RegionShares()
-    )
+    drawing = Drawing.planned(scene, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step))
+    regions = RegionShares().regions(drawing.plan, {1: 1})
+    return messages.RenderFrame(frame, 1, drawing, dict.fromkeys(WORKERS, 1), regions, exact=True)
 
 
 class Bench:

@@ -13,11 +13,11 @@ import pytest
 
 from support.patience import PATIENCE, wait_until
 from support.scenes.phantoms import QUANTISATION, shaded_scene
-from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.roles import DATA_LINK_TO_SPLAT, Role
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.rules.levels import own_resolution
@@ -80,10 +80,9 @@ class Attacked:
         return self.finishes()
 
     def begins(self, frame: int, workers: list[int]) -> None:
-        resolution, walkers = own_resolution(GEOMETRY, Step.F), dict.fromkeys(workers, 1)
-        self.control.send(
-            frame_request(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, walkers, {1: 1}, RegionShares())
-        )
+        drawing = Drawing.planned(SCENE, Step.F, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, Step.F))
+        regions = RegionShares().regions(drawing.plan, {1: 1})
+        self.control.send(messages.RenderFrame(frame, 1, drawing, dict.fromkeys(workers, 1), regions, exact=True))
 
     def finishes(self) -> messages.FrameFinished:
         while (received := self.control.receive()) is not None:

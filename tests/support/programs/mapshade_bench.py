@@ -13,7 +13,6 @@ import pytest
 
 from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
-from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.protocol.description.scene import Scene, Step, View
@@ -151,10 +150,9 @@ def render(
     walkers: int = 1,
     owners: Mapping[int, int] = MappingProxyType({2: 1}),
 ) -> messages.RenderFrame:
-    resolution, workers = own_resolution(geometry, Step.F), {1: walkers}
-    return frame_request(
-        frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, workers, dict(owners), RegionShares()
-    )
+    drawing = Drawing.planned(scene, Step.F, geometry, QUANTISATION, own_resolution(geometry, Step.F))
+    regions = RegionShares().regions(drawing.plan, owners)
+    return messages.RenderFrame(frame, assignment, drawing, {1: walkers}, regions, exact=True)
 
 
 def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from random import Random
 
-import msgspec
 import numpy as np
 import torch
 from torch import Tensor
@@ -14,8 +13,6 @@ from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
-from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.answers.light_depths import depths_summed
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
@@ -23,6 +20,7 @@ from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
@@ -59,21 +57,10 @@ def rendered(
     """
     held = resolution.geometry if resolution else geometry
     holdings = workers or [[held.box]]
-    request = frame_request(
-        1,
-        1,
-        scene,
-        step,
-        geometry,
-        quantisation,
-        resolution or own_resolution(geometry, step),
-        workers={1: walkers or 1},
-        owners={1: threads},
-        shares=RegionShares(),
-    )
-    plan = request.drawing.plan
+    drawing = Drawing.planned(scene, step, geometry, quantisation, resolution or own_resolution(geometry, step))
+    plan = drawing.plan
     regions = _regions(plan.height, threads, arrival)
-    request = msgspec.structs.replace(request, regions=regions)
+    request = messages.RenderFrame(1, 1, drawing, {1: walkers or 1}, regions, exact=True)
     held_by = [[SubCube.of_volume(held, values, box) for box in boxes] for boxes in holdings]
     for sub_cubes in held_by:
         for sub_cube in sub_cubes:
@@ -84,13 +71,13 @@ def rendered(
         with owners(threads) as made:
             assembly = FrameAssembly(made, plan, 1, slabs_of(request))
             everything, tiles = [sub_cube for sub_cubes in held_by for sub_cube in sub_cubes], assembly.closed_tiles
-            walk = FrameWalk(everything, request.drawing, tiles, regions, walkers)
+            walk = FrameWalk(everything, drawing, tiles, regions, walkers)
             assembly.begin(regions, 0, news, walks=walk.walkers)
             wait_until_complete(assembly.splat, news)
             return _image(assembly)
     walks = []
     for sub_cubes in held_by:
-        walks += FrameWalk(sub_cubes, request.drawing, None, regions, walkers).walkers
+        walks += FrameWalk(sub_cubes, drawing, None, regions, walkers).walkers
     budget = ReadBudget(1 << 62, news)
     with owners(threads) as made:
         assembly = FrameAssembly(made, plan, 1, slabs_of(request))
@@ -119,7 +106,7 @@ def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence
         return request
     for worker, asked in depths.ask(request, range(1, len(held_by) + 1)):
         depths.take(worker, *depths_summed(asked, held_by[worker - 1]))
-    return msgspec.structs.replace(request, light=depths.blocks(scene.light))
+    return depths.dimmed(request, scene.light)
 
 
 def _regions(lines: int, threads: int, arrival: Random | None) -> list[Region]:
