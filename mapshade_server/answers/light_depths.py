@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.volume import Box, Index
-from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.light_blocks import (
     LEAST_THROUGH,
     SUM_UNIT,
@@ -23,18 +23,11 @@ from volsplat.protocol.rules.packet_layout import NO_DATA_BIT, OPACITY_CODES, op
 Depths = NDArray[np.uint64]
 
 
-def depths_summed(request: messages.SumDepths, sub_cubes: Sequence[SubCube]) -> tuple[messages.DepthsSummed, bytes]:
-    """The answer to a request, with its payload."""
-    dims = request.drawing.dims
-    sums = summed_depths(sub_cubes, VoxelFields(request.drawing), dims)
-    summed = messages.DepthsSummed(request.frame, request.assignment, light_block_dims(dims))
-    return summed, sums.astype("<u8").tobytes()
-
-
-def summed_depths(sub_cubes: Sequence[SubCube], fields: VoxelFields, dims: Index) -> Depths:
-    """Of each block of a level of `dims` voxels (k, j, i) the sum over its voxels that are drawn and held here."""
+def summed_depths(sub_cubes: Sequence[SubCube], drawing: Drawing) -> Depths:
+    """Of each block of the level, shaped (k, j, i), the sum over its voxels that are drawn and held here."""
+    fields, dims = VoxelFields(drawing), drawing.dims
     total = np.zeros(light_block_dims(dims)[::-1], np.uint64)
-    size, drawn = light_block_size(dims), box_drawn(fields.drawing.plan)
+    size, drawn = light_block_size(dims), box_drawn(drawing.plan)
     for cube in sub_cubes:
         rest = cube.box.common(drawn)
         while rest is not None:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
-from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
+from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.slice_plane import SlicePlane
 
@@ -15,14 +16,13 @@ LIGHT = 0.7  # of the reflected colour, as on a surface that stands aslant: in f
 LEVELS = 255  # of red, green, blue and opacity
 
 
-def slice_parts(
-    sub_cubes: Sequence[SubCube], fields: VoxelFields, plane: SlicePlane
-) -> Iterator[tuple[Rectangle, bytes]]:
+def slice_parts(sub_cubes: Sequence[SubCube], drawing: Drawing, plane: SlicePlane) -> Iterator[tuple[Rectangle, bytes]]:
     """Each part of the slice that is held, with its samples' bytes as SliceRead has them.
 
     The plane is of the sub-cubes' grid. A colour is what is emitted and by LIGHT reflected, its opacity that of a layer
     of THICKNESS.
     """
+    fields = VoxelFields(drawing, mixture_of(sub_cubes))
     for cube in sub_cubes:
         part = plane.part_in(cube.box)
         if part is not None:

@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 
-from volsplat.mapshade_server.answers.light_depths import depths_summed
+from volsplat.mapshade_server.answers.light_depths import summed_depths
 from volsplat.mapshade_server.answers.probe import front_most
 from volsplat.mapshade_server.answers.slice_parts import slice_parts
 from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
-from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
-from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.text.errors import BadInput
@@ -35,8 +34,7 @@ class VoxelAnswers:
     def _read_slice(self, request: messages.ReadSlice) -> Answer:
         if request.plane.dims != request.drawing.dims:
             raise BadInput(f"slice {request.probe} is of another grid than level {request.drawing.level}")
-        fields = VoxelFields(request.drawing, mixture_of(self._sub_cubes))
-        parts = list(slice_parts(self._sub_cubes, fields, request.plane))
+        parts = list(slice_parts(self._sub_cubes, request.drawing, request.plane))
         read = messages.SliceRead(request.probe, request.assignment, [part for part, _ in parts])
         return Answer(read, tuple(memoryview(samples) for _, samples in parts))
 
@@ -47,8 +45,9 @@ class VoxelAnswers:
 
     @takes(messages.SumDepths)
     def _sum_depths(self, request: messages.SumDepths) -> Answer:
-        summed, sums = depths_summed(request, self._sub_cubes)
-        return Answer(summed, (memoryview(sums),))
+        sums = summed_depths(self._sub_cubes, request.drawing).astype("<u8")
+        k, j, i = sums.shape
+        return Answer(messages.DepthsSummed(request.frame, request.assignment, (i, j, k)), (sums.data.cast("B"),))
 
 
 HANDLERS = handlers(VoxelAnswers)

@@ -18,7 +18,6 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.client.slices.slice_picture import MISSING, slice_picture
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.mapshade_server.answers.slice_parts import THICKNESS, slice_parts
-from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
@@ -44,12 +43,12 @@ def test_a_slice_has_the_packets_and_colours_of_the_reference_from_any_partition
     index = data.draw(st.integers(0, geometry.dims[axis] - 1))
     plane = level_plane(geometry.dims, (1, 1, 1), axis, index, data.draw(st.integers(1, 16)))
     plan = plan_frame(scene, geometry, Step.F)
-    fields = VoxelFields(Drawing.of(scene, plan, geometry, quantisation))
+    drawing = Drawing.of(scene, plan, geometry, quantisation)
     whole = VolumeSlice.empty(plane, plan.factors, quantisation)
     for box in data.draw(partitions(geometry)):
         cube = SubCube.of_volume(geometry, values, box)
         cube.pack(quantisation)
-        for part, samples in slice_parts([cube], fields, plane):
+        for part, samples in slice_parts([cube], drawing, plane):
             assert not whole.held[part.top : part.top + part.height, part.left : part.left + part.width].any()
             whole.take([part], samples)
     assert whole.held.all()

@@ -13,7 +13,7 @@ from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
-from volsplat.mapshade_server.answers.light_depths import depths_summed
+from volsplat.mapshade_server.answers.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
@@ -105,7 +105,9 @@ def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence
     if not need_depths(scene, request.drawing.plan.step):
         return request
     for worker, asked in depths.ask(request, range(1, len(held_by) + 1)):
-        depths.take(worker, *depths_summed(asked, held_by[worker - 1]))
+        answer = VoxelAnswers(held_by[worker - 1]).answer(asked)
+        assert isinstance(answer.message, messages.DepthsSummed)
+        depths.take(worker, answer.message, answer.whole_payload)
     return depths.dimmed(request, scene.light)
 
 
