@@ -22,6 +22,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FrameAsked,
     Instruction,
     MessageReceived,
+    NobodyJoined,
     Question,
     ReportLoss,
     ReportProgress,
@@ -255,8 +256,8 @@ class Coordinator:
         return told
 
     def _is_replaced(self, joined: ServerJoined) -> bool:
-        """Whether another one is started in its place."""
-        return joined.restarts and joined.process not in self._given_up
+        """Whether another one is awaited in its place."""
+        return joined.process not in self._given_up
 
     def _lose_splat_server(self, lost: ServerState, replaced: bool) -> list[Instruction]:
         if not (self.servers.splat_servers or replaced):
@@ -283,6 +284,13 @@ class Coordinator:
             return []
         self._few_suffice = True
         return [ReportLoss(f"{event.cause}; the others draw without"), *self._gathered()]
+
+    @takes(NobodyJoined)
+    def _nobody_joined(self, event: NobodyJoined) -> list[Instruction]:
+        """The session ends, unless all that it has lost is a server that it had no use for yet."""
+        if self._some_are_left() or not any(server.lost for server in self.servers.states.values()):
+            return []
+        return self._fail(PeerLost(event.cause))
 
     def _some_are_left(self) -> bool:
         """Of both kinds: they can draw by themselves."""
@@ -438,7 +446,10 @@ class Coordinator:
         lost = teller if alone[missed] and not alone[teller] else missed
         if lost == worker:
             self.servers.note_unlinked(worker)
-        return self._send_off(lost, self.routes.why_apart(worker, splat, lost))
+        cause = self.routes.why_apart(worker, splat, lost)
+        if alone[lost] and self.servers.joined[lost].by_hand:  # another one, started alike, would fare alike
+            return self._fail(PeerLost(cause))
+        return self._send_off(lost, cause)
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken, between two events."""

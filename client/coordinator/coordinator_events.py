@@ -48,7 +48,7 @@ class ServerJoined:
     data_anywhere: bool = False  # data links are taken on every address of its machine
     client_host: str = ""  # the client's address, as this server reaches it
     process: str = ""  # as it names itself, the same for each of its clients
-    restarts: bool = False  # if it ends, the client starts another one in its place
+    by_hand: bool = False  # if it ends, nobody but a person may start another one in its place
     key: bytes = field(  # a worker's, which proves its data links: the splat server and it alone are told
         default_factory=lambda: secrets.token_bytes(messages.WORKER_KEY_BYTES), repr=False
     )
@@ -75,6 +75,13 @@ class ServersMissing:
 
     cause: str
     given_up: bool = False  # nobody waits for them any more, even if no others can draw
+
+
+@dataclass(frozen=True)
+class NobodyJoined:
+    """A server was lost that people started, and for a while no other of its kind has joined."""
+
+    cause: str
 
 
 @dataclass(frozen=True)
@@ -179,6 +186,7 @@ Event = (
     | ServerLost
     | ServerProcessEnded
     | ServersMissing
+    | NobodyJoined
     | MessageReceived
     | VolumeAsked
     | FrameAsked

@@ -7,6 +7,8 @@ from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import PeerLost
 
+ANOTHER_SECONDS = 60.0  # that another server may take to join, where the last of its kind was started by hand
+
 
 class VolumeIncomplete(PeerLost):
     """Servers are gone with their parts of the volume; what the others hold can still be drawn."""
@@ -29,6 +31,7 @@ class ServerState:
     cause: str = ""  # how it was lost, in one line
     heirs: bool = True  # others can do its work, as far as is known
     alone: bool = False  # no other of its role was there when it was lost
+    by_hand: bool = False  # nobody but a person may start another one in its place
     handed_over: bool = False  # others hold what it held, or will when what is on its way is there
 
     @property
@@ -53,14 +56,19 @@ def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
 
 
 def handed_over(lost: ServerState) -> str:
-    """One line that says which server was lost, and who does its work: others, or one that is started anew."""
+    """One line that says which server was lost, and who does its work: others, or one that is yet to come."""
     if not lost.heirs:
         return lost.cause
     if lost.boxes:
         what = f"{part_of_volume(lost.boxes)} of the volume"
     else:
         what = f"its part of the {'image' if lost.role is Role.SPLAT_SERVER else 'volume'}"
-    heirs = "another one is started in its place and takes over" if lost.alone else "others take over"
+    if not lost.alone:
+        heirs = "others take over"
+    elif lost.by_hand:
+        heirs = f"another {lost.role} that joins within {ANOTHER_SECONDS:g} s takes over"
+    else:
+        heirs = "another one is started in its place and takes over"
     return f"{lost.cause}; {heirs} {what}"
 
 

@@ -65,7 +65,7 @@ class Servers:
 
     def add(self, joined: ServerJoined) -> None:
         self.joined[joined.server] = joined
-        self.note([ServerState(joined.server, joined.role, joined.host)])
+        self.note([ServerState(joined.server, joined.role, joined.host, by_hand=joined.by_hand)])
 
     def note(self, states: Iterable[ServerState]) -> None:
         if noted := {state.id: state for state in states}:

@@ -13,11 +13,13 @@ from collections.abc import Callable
 from volsplat.client.coordinator.coordinator_events import (
     Event,
     MessageReceived,
+    NobodyJoined,
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
     ServersMissing,
 )
+from volsplat.client.coordinator.server_states import ANOTHER_SECONDS
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.client.session.outgoing import Outgoing
 from volsplat.client.trace.frame_tracer import FrameTracer
@@ -78,6 +80,7 @@ class ServerLinks:
         self._outgoing: dict[int, Outgoing] = {}
         self._images: dict[int, ImageReceiver] = {}  # of splat servers
         self._lock = threading.Lock()  # guards the three above
+        self._came = threading.Condition(self._lock)  # a connection has come
         self._left = threading.Condition(self._lock)  # a connection is gone
         self._allocate = BufferPool()
         self._heartbeat = Heartbeat(silence)
@@ -172,6 +175,8 @@ class ServerLinks:
         """Nobody can join from now on; who leaves is no loss."""
         self._closing = True
         self._listener.close()
+        with self._came:
+            self._came.notify_all()  # nobody waits for another one
 
     def close(self) -> None:
         """Close every connection once what was posted is sent, and end every server that was started here."""
@@ -219,10 +224,12 @@ class ServerLinks:
             self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
             if peer.role is Role.SPLAT_SERVER:
                 self._images[peer.id] = ImageReceiver(connection, self._allocate)
+            self._came.notify_all()
         outgoing.post(messages.NameSession(self.session))
         self._log("server_joined", f"{peer} has joined", peer)
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
+        by_hand = not (self._replaces or self._local.has(peer.name))
         joined = ServerJoined(
             peer.id,
             peer.role,
@@ -233,7 +240,7 @@ class ServerLinks:
             data_anywhere=peer.data_anywhere,
             client_host=connection.local_host,
             process=peer.name,
-            restarts=self._replaces or self._local.has(peer.name),
+            by_hand=by_hand,
         )
         self._on_event(joined)
         if self._tracer is not None:
@@ -255,6 +262,18 @@ class ServerLinks:
         if not (self._closing or peer.id in self._leaving):
             self._counts.add("losses", of=str(peer.role))
         self._on_event(ServerLost(peer.id, cause))
+        if by_hand and not self._closing:
+            self._wait_for_another(peer, cause)
+
+    def _wait_for_another(self, lost: Peer, cause: str) -> None:
+        """Of its role, if there is none; whoever starts servers by hand, or a network that was cut, takes a while."""
+        with self._came:
+            came = self._came.wait_for(
+                lambda: self._closing or any(one.peer.role is lost.role for one in self._connections.values()),
+                ANOTHER_SECONDS,
+            )
+        if not came:
+            self._on_event(NobodyJoined(f"{cause}; no other {lost.role} has joined for {ANOTHER_SECONDS:g} s"))
 
     def _log(self, event: str, line: str, peer: Peer) -> None:
         log.info("%s", line, extra={"event": event, "session": self.session, "server": peer.id})

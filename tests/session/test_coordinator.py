@@ -47,6 +47,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FrameAsked,
     Instruction,
     MessageReceived,
+    NobodyJoined,
     PartialImageAsked,
     PlaneAsked,
     ProbeAsked,
@@ -180,11 +181,17 @@ def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     assert isinstance(render, messages.RenderFrame) and render.drawing.quantisation.window == (0.0, 9.0)
 
 
-def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
+NOBODY = NobodyJoined("the splat server is gone; no other has joined")
+
+
+def test_a_lost_splat_server_whom_no_other_follows_fails_the_frame_and_the_session() -> None:
     coordinator = drawing()
-    ended, failed = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
-    assert isinstance(ended, EndFrame) and isinstance(ended.error, PeerLost) and ended.frame == 1
-    assert isinstance(failed, FailSession) and "the splat server is gone" == str(failed.error)
+    lost = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    (ended,) = [one for one in lost if isinstance(one, EndFrame)]
+    assert isinstance(ended.error, ImageIncomplete) and ended.frame == 1
+    assert not any(isinstance(one, FailSession) for one in lost)
+    (failed,) = coordinator.handle(NOBODY)
+    assert isinstance(failed, FailSession) and str(failed.error) == NOBODY.cause
     (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
     assert isinstance(again, EndFrame) and again.error is failed.error
 
@@ -397,8 +404,18 @@ def test_the_only_splat_server_that_is_lost_while_the_volume_is_described_fails_
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED), ASKED]:
         coordinator.handle(event)
-    (failed,) = coordinator.handle(ServerLost(SPLAT, "it is gone"))
+    coordinator.handle(ServerLost(SPLAT, "it is gone"))
+    (failed,) = coordinator.handle(NOBODY)
     assert isinstance(failed, FailSession)
+
+
+def test_nobody_waits_in_vain_for_one_that_a_session_had_no_use_for_yet() -> None:
+    coordinator = CheckedCoordinator()
+    for event in joins(*JOINED):
+        coordinator.handle(event)
+    coordinator.handle(ServerLost(SPLAT, "it is gone"))
+    assert coordinator.handle(NOBODY) == []
+    assert coordinator.failure is None
 
 
 def test_an_idle_splat_server_may_leave() -> None:
@@ -597,11 +614,27 @@ def test_one_that_joins_gets_a_part_between_two_frames() -> None:
     assert sum(box.voxels for boxes in parts.values() for box in boxes) == ALL.voxels
 
 
-def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
+def test_the_last_map_shade_server_takes_the_session_with_it_if_no_other_joins() -> None:
     coordinator = drawing()
-    coordinator.handle(ServerLost(FIRST, GONE))
-    (failed,) = coordinator.handle(ServerLost(SECOND, "map/shade server 3 is gone"))
+    for server in (FIRST, SECOND):
+        assert not any(isinstance(one, FailSession) for one in coordinator.handle(ServerLost(server, GONE)))
+    (failed,) = coordinator.handle(NobodyJoined("map/shade server 3 is gone"))
     assert isinstance(failed, FailSession) and str(failed.error) == "map/shade server 3 is gone"
+
+
+def test_one_that_has_joined_in_time_draws() -> None:
+    coordinator = drawing()
+    for event in (ServerLost(FIRST, GONE), ServerLost(SECOND, GONE), *joins(LATE), NOBODY):
+        assert not any(isinstance(one, FailSession) for one in coordinator.handle(event))
+    assert coordinator.holding.boxes == {LATE.server: [ALL]}
+
+
+def test_a_person_hears_that_another_server_is_to_be_started() -> None:
+    coordinator = drawing()
+    coordinator.servers.states = {n: replace(one, by_hand=True) for n, one in coordinator.servers.states.items()}
+    told = coordinator.handle(ServerLost(SPLAT, GONE))
+    awaited = f"{GONE}; another splat server that joins within 60 s takes over its part of the image"
+    assert ReportLoss(awaited) in told
 
 
 def test_one_that_held_nothing_yet_takes_the_place_of_all_others() -> None:
@@ -619,8 +652,6 @@ def test_one_that_held_nothing_yet_takes_the_place_of_all_others() -> None:
 @pytest.mark.parametrize("first", [SPLAT, FIRST, SECOND])
 def test_after_the_loss_of_all_those_who_join_in_their_places_draw(first: int) -> None:
     coordinator = shown()
-    joined = coordinator.servers.joined
-    joined.update({server: replace(one, restarts=True) for server, one in joined.items()})
     lost = (first, *(one for one in (SPLAT, FIRST, SECOND) if one != first))
     told = [one for server in lost for one in coordinator.handle(ServerLost(server, GONE))]
     assert ReportLoss(f"{GONE}; another one is started in its place and takes over its part of the image") in told
@@ -889,7 +920,7 @@ def test_a_server_that_counts_more_voxels_than_there_can_be_costs_its_place() ->
 def test_a_failed_session_ends_all_probes() -> None:
     coordinator = drawing()
     coordinator.handle(PROBE)
-    told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    told = [*coordinator.handle(ServerLost(SPLAT, "the splat server is gone")), *coordinator.handle(NOBODY)]
     (answer,) = [i for i in told if isinstance(i, Answer)]
     assert isinstance(answer.error, PeerLost)
     assert coordinator.handle(PROBE) == [answer]
@@ -1113,7 +1144,7 @@ def test_who_leaves_waits_for_no_newcomer_that_is_lost() -> None:
     coordinator.handle(said(SPLAT, messages.LeaveSession()))
     told = coordinator.handle(ServerLost(newcomer.server, "it was cut off"))
     assert (SPLAT, messages.EndSession) in sent(told)
-    assert any(isinstance(instruction, FailSession) for instruction in told)
+    assert not coordinator.servers.splat_servers
 
 
 def test_depths_of_blocks_are_asked_anew_of_other_patches_and_not_of_other_colours() -> None:

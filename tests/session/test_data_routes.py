@@ -66,19 +66,20 @@ def test_nobody_dials_a_splat_server_that_listens_on_another_machine_alone_and_t
     assert f"with --listen {listen}" in (why := routes.why_apart(2, 1, 1)) and "--advertise" in why
 
 
-def far_from_each_other(*more: ServerJoined) -> tuple[CheckedCoordinator, list[Instruction]]:
+def far_from_each_other(*more: ServerJoined, by_hand: bool = False) -> tuple[CheckedCoordinator, list[Instruction]]:
     """A splat server that listens on its own machine alone, and a worker on another one, beside `more`."""
     coordinator = CheckedCoordinator()
-    near = replace(JOINED[0], data=Address(LOOPBACK, 7))
+    near, far = (replace(one, by_hand=by_hand) for one in JOINED[:2])
+    near = replace(near, data=Address(LOOPBACK, 7))
     asked = VolumeAsked("/volumes/head.nrrd", workers=1 + len(more))
     described = said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))
-    for event in [*joins(near, JOINED[1], *more), asked, described]:
+    for event in [*joins(near, far, *more), asked, described]:
         coordinator.handle(event)
     return coordinator, coordinator.handle(said(FIRST, messages.ConnectedToSplatServers([])))
 
 
-def test_without_another_worker_the_session_ends_at_once_with_the_cure() -> None:
-    coordinator, _ = far_from_each_other()
+def test_without_another_worker_a_session_of_servers_by_hand_ends_at_once_with_the_cure() -> None:
+    coordinator, _ = far_from_each_other(by_hand=True)
     assert coordinator.failure is not None and "start the splat server with --listen" in str(coordinator.failure)
 
 

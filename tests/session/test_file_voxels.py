@@ -11,7 +11,7 @@ import pytest
 from support.files.head_volume import head, skin
 from support.messages.coordinated import FIRST, SECOND, SPLAT, WHOLE, drawing, opened_store, said, sent, surveyed
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import Answer, Instruction, ServerLost, VoxelAsked
+from volsplat.client.coordinator.coordinator_events import Answer, Instruction, NobodyJoined, ServerLost, VoxelAsked
 from volsplat.client.coordinator.file_voxels import MOST_WAITING
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess
@@ -75,7 +75,8 @@ def test_a_refusal_ends_one_and_a_loss_all_that_this_server_was_to_tell() -> Non
 def test_a_failed_session_ends_all() -> None:
     coordinator = drawing()
     coordinator.handle(LOW)
-    (ended,) = answers(coordinator.handle(ServerLost(SPLAT, "the splat server is gone")))
+    coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    (ended,) = answers(coordinator.handle(NobodyJoined("no other has joined")))
     assert isinstance(ended.error, PeerLost)
     assert coordinator.handle(LOW) == [ended]
 

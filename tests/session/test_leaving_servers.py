@@ -14,6 +14,7 @@ import torch
 from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
+from support.programs.resident_servers import MAPSHADE, SPLAT, opened
 from support.programs.server_processes import servers
 from volsplat.client import Session
 from volsplat.client.session.renderer import Refinement
@@ -34,42 +35,7 @@ from volsplat.protocol.wire.tokens import new_token
 
 __all__ = ["head", "scene", "single"]
 
-MAPSHADE, SPLAT = "mapshade_server", "splat_server"
 ROLES = {MAPSHADE: "map/shade server", SPLAT: "splat server"}
-
-
-class Servers:
-    """The processes of a session, by program."""
-
-    def __init__(self, session: Session, environment: dict[str, str], directory: Path) -> None:
-        self.session = session
-        self.of: dict[str, list[subprocess.Popen[bytes]]] = {MAPSHADE: [], SPLAT: []}
-        self._environment, self._directory = environment, directory
-
-    def join(self, program: str) -> None:
-        joined = len(self.session.servers)
-        command = [sys.executable, "-m", f"volsplat.{program}", "--connect", str(self.session.address), "--resident"]
-        self.of[program].append(subprocess.Popen(command, cwd=self._directory, env=self._environment))
-        wait_until(lambda: len(self.session.servers) > joined, "joined")
-
-    def end(self) -> None:
-        for process in (*self.of[MAPSHADE], *self.of[SPLAT]):
-            process.kill()
-            process.wait()
-
-
-@contextmanager
-def opened(head: Path, workers: int, splat_servers: int) -> Iterator[Servers]:
-    token = new_token()
-    with Session(head, workers=workers, splat_servers=splat_servers, spawn=False, token=token) as session:
-        servers = Servers(session, {"VOLSPLAT_TOKEN": token.key.decode()}, head.parent)
-        try:
-            for program, count in ((SPLAT, splat_servers), (MAPSHADE, workers)):
-                for _ in range(count):
-                    servers.join(program)
-            yield servers
-        finally:
-            servers.end()
 
 
 BUSY = """

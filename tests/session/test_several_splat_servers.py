@@ -43,6 +43,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FrameAsked,
     Instruction,
     MessageReceived,
+    NobodyJoined,
     PartialImageAsked,
     ProgressAsked,
     ReportProgress,
@@ -218,11 +219,11 @@ def test_what_a_worker_could_not_reach_before_it_was_told_anew_counts_for_nothin
     assert sent(coordinator.handle(said(FIRST, refused)))[0] == (FIRST, messages.EndSession)
 
 
-def test_the_last_splat_server_takes_the_session_with_it() -> None:
+def test_the_last_splat_server_takes_the_session_with_it_if_no_other_joins() -> None:
     coordinator = drawing_big()
-    for server in (SPLAT, LEFT):
+    for server in (SPLAT, LEFT, LOST):
         assert not [i for i in coordinator.handle(ServerLost(server, GONE)) if isinstance(i, FailSession)]
-    failed = coordinator.handle(ServerLost(LOST, GONE))[-1]
+    failed = coordinator.handle(NobodyJoined(GONE))[-1]
     assert isinstance(failed, FailSession)
 
 
