@@ -22,6 +22,7 @@ from volsplat.splat_server.footprint_table import kernel_projection
 FIELDS = list(Field)  # the kernel knows fields by their place here
 # Below so many pixels a voxel, weights are too small for sums of 32 bits.
 LEAST_NARROW_GAIN = 0.25
+GREATEST_GRADIENT = 1e12  # of a difference between pixels or planes, per reference spacing
 
 
 class Slabs(NamedTuple):
@@ -44,9 +45,9 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
         table=table,
         scene=_scene(shading),
         grid=_kernels.SlabGrid(
-            gradient=slabs.gradient,
+            gradient=_gradient(slabs.gradient, geometry),
             axes=axes,
-            strength=_strength_scale(drawing.quantisation),
+            strength=_strength_scale(drawing.quantisation) / geometry.reference_spacing,
             screen_bytes=[
                 [dda.origin / FIXED_ONE, *(2 * step / FIXED_ONE for step in dda.half_steps)]
                 for dda in plan.screen_index
@@ -84,6 +85,17 @@ def slab_table(
         )
     except ValueError as error:
         raise BadInput(f"{error}; lower the zoom, or {CORRECT_SPACING}") from error
+
+
+def _gradient(per_unit: Matrix, geometry: Geometry) -> Matrix:
+    """Per reference spacing: whatever unit of length the volume has, float32 holds its square.
+
+    Raises BadInput where it does not.
+    """
+    per_spacing = matrices.times(per_unit, geometry.reference_spacing)
+    if not all(abs(number) <= GREATEST_GRADIENT for row in per_spacing for number in row):
+        raise BadInput(f"the gradients of a frame of slabs are too steep; {CORRECT_SPACING}")
+    return per_spacing
 
 
 def _light(request: RenderFrame) -> _kernels.SlabLight:

@@ -21,6 +21,7 @@ from volsplat.protocol.description.scene import (
     Bounds,
     CrossBar,
     Field,
+    Light,
     Order,
     Reconstruction,
     ScalarTable,
@@ -30,6 +31,7 @@ from volsplat.protocol.description.scene import (
     View,
 )
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
 
 SIZE = 14
 PIXELS = 36
@@ -100,6 +102,19 @@ PLANE = Plane(
 def test_patches_are_those_of_the_strength_in_the_middle_of_a_slab() -> None:
     off = difference(scene_of(OBLIQUE, plane=PLANE), SKEWED, exact=False)
     assert (off > ONE_LEVEL).double().mean() <= FEW_TIES  # where a byte is a hair from the next one
+
+
+@pytest.mark.parametrize("unit", [1e-20, 1e19, 3e24])
+def test_the_unit_of_length_changes_nothing(unit: float) -> None:
+    """A cluster of galaxies in centimetres is lit as a skull in millimetres is."""
+    cross_bar = CrossBar(refl=Field.STRENGTH)
+    scene = scene_of(OBLIQUE, cross_bar=cross_bar, light=Light(silhouettes=0.8, shadows=0.5))
+    values, scale = shells(SIZE), QUANTISATION.strength_scale
+    geometry = Geometry(SKEWED.dims, matrices.times(SKEWED.index_to_physical, unit))
+    quantisation = msgspec.structs.replace(QUANTISATION, strength_scale=scale * unit)
+    drawn, expected = rendered(values, geometry, scene, Step.G, quantisation), rendered(values, SKEWED, scene, Step.G)
+    off = (drawn - expected).abs().amax(dim=-1)
+    assert (off <= ONE_LEVEL).double().mean() >= 1 - FEW_TIES  # where a byte is a hair from the next one
 
 
 def test_bounds_cut_between_voxels_and_look_beyond() -> None:
