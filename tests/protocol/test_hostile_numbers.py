@@ -137,6 +137,48 @@ def drawing() -> Iterator[Owners]:
         yield made
 
 
+def draw(request: messages.RenderFrame, path: Path, drawing: Owners) -> None:
+    """As a single process does, up to the finished image."""
+    held, _ = held_at(path)
+    held.answers(messages.PackVoxels(1, QUANTISATION))
+    sub_cubes = held.sub_cubes_asked(request)
+    news = Bell()
+    assembly = FrameAssembly(drawing, request.drawing.plan, request.frame, slabs_of(request))
+    walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=None)
+    assembly.begin(request.regions, 0, news, walks=walk.walkers)
+    wait_until_complete(assembly.splat, news)
+    image = np.frombuffer(assembly.published(), np.float32)
+    assert np.isfinite(image).all()
+
+
+@pytest.mark.parametrize("step", Step)
+def test_a_frame_of_good_numbers_is_drawn(path: Path, drawing: Owners, step: Step) -> None:
+    """So that what is told below is told of the numbers."""
+    draw(render(step), path, drawing)
+
+
+def with_gradient(request: messages.RenderFrame, across: float, behind: float) -> messages.RenderFrame:
+    drawing, shape = request.drawing, request.drawing.plan.slabs
+    assert shape is not None
+    slabs = msgspec.structs.replace(shape, gradient=((across, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, behind)))
+    lighting = msgspec.structs.replace(drawing.shading.lighting, silhouettes=0.5)
+    plan, shading = (
+        msgspec.structs.replace(drawing.plan, slabs=slabs),
+        msgspec.structs.replace(drawing.shading, lighting=lighting),
+    )
+    return msgspec.structs.replace(request, drawing=msgspec.structs.replace(drawing, plan=plan, shading=shading))
+
+
+@pytest.mark.parametrize("gradient", [(1.0, 0.0), (1.0, 1e-30), (0.0, 0.0), (1e11, 1e11)])
+def test_silhouettes_of_any_gradient_are_colours(path: Path, drawing: Owners, gradient: tuple[float, float]) -> None:
+    draw(with_gradient(render(Step.G), *gradient), path, drawing)
+
+
+def test_gradients_whose_squares_are_no_number_are_refused(path: Path, drawing: Owners) -> None:
+    with pytest.raises(BadInput, match="too steep"):
+        draw(with_gradient(render(Step.G), 1e25, 1.0), path, drawing)
+
+
 @settings(max_examples=examples(150))
 @given(data=st.data(), step=st.sampled_from(Step))
 def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject, step: Step) -> None:
@@ -144,17 +186,8 @@ def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject
     plan = request.drawing.plan
     if plan.width * plan.height > 10**6:
         return
-    held, _ = held_at(path)
-    held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
-        sub_cubes = held.sub_cubes_asked(request)
-        news = Bell()
-        assembly = FrameAssembly(drawing, plan, request.frame, slabs_of(request))
-        walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=2)
-        assembly.begin(request.regions, 2, news, walks=walk.walkers)
-        wait_until_complete(assembly.splat, news)
-        image = np.frombuffer(assembly.published(), np.float32)
-        assert np.isfinite(image).all()
+        draw(request, path, drawing)
 
 
 @settings(max_examples=examples(100))

@@ -344,7 +344,7 @@ private:
                 behind[axis] = static_cast<float>(view_.grid->gradient[axis][2]);
                 squared += behind[axis] * behind[axis];
             }
-            const float unit = 1 / __builtin_sqrtf(squared);
+            const float unit = 1 / __builtin_sqrtf(most(squared, kNoGradient * kNoGradient));
             VOLSPLAT_INDEPENDENT
             for (int n = 0; n < count_; ++n) {
                 const float along =
