@@ -74,7 +74,7 @@ BatchEncoder::Code BatchEncoder::encode(const std::vector<RawPart>& parts) {
     const auto count = static_cast<PaletteNumber>(palette_.size());
     unsigned char* const begin = lattice - (1 + count) * sizeof count;
     std::memcpy(begin, &count, sizeof count);
-    std::memcpy(begin + sizeof count, palette_.data(), count * sizeof count);
+    if (count) std::memcpy(begin + sizeof count, palette_.data(), count * sizeof count);
     return {begin, static_cast<std::size_t>(end - begin)};
 }
 
