@@ -22,7 +22,7 @@ BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(SHARED_NUMBERS) 
 	$(wildcard kernels/* kernels/channels/* kernels/tables/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test docs clang aarch64 bench clean
+.PHONY: help install demo test docs clang sanitize aarch64 bench clean
 
 help: ## list the targets
 	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -126,17 +126,32 @@ tried: $(READY) tools
 KERNEL_TESTS := $(addprefix tests/,mapshade_server/test_kernel_map_shade.py mapshade_server/test_kernel_voxel_packets.py \
 	$(addprefix splat_server/test_,merge_order.py owners.py kernel_splat.py tile_maps.py) \
 	protocol/test_kernel_constants.py bench/test_bench_floors.py exactness/test_order_independence.py)
+# A virtual environment of its own, which borrows the libraries of .venv.
+BESIDE = $(PYTHON) -m venv $(1); \
+	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > $(1)/borrowed; \
+	cp $(1)/borrowed $$($(1)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/borrowed.pth
+INTO = $(1)/bin/python -m pip --disable-pip-version-check install --no-build-isolation --no-deps -C build-dir=$(1)/objects
+
 CLANG := build/clang
 CLANG_CC ?= clang
 CLANG_CXX ?= clang++
 
 clang: $(READY) ## compile the kernels with Clang, beside .venv, and test them
-	$(PYTHON) -m venv $(CLANG)
-	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > $(CLANG)/borrowed
-	cp $(CLANG)/borrowed $$($(CLANG)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/borrowed.pth
-	CC=$(CLANG_CC) CXX=$(CLANG_CXX) $(CLANG)/bin/python -m pip --disable-pip-version-check install --no-build-isolation --no-deps \
-		-C build-dir=$(CLANG)/objects -C cmake.define.VOLSPLAT_STRICT=ON .
+	$(call BESIDE,$(CLANG))
+	CC=$(CLANG_CC) CXX=$(CLANG_CXX) $(call INTO,$(CLANG)) -C cmake.define.VOLSPLAT_STRICT=ON .
 	$(CLANG)/bin/python -m pytest -n auto $(KERNEL_TESTS)
+
+SANITIZED := build/asan
+SANITIZERS := -fsanitize=address,undefined,float-cast-overflow -fsanitize-recover=all -fno-omit-frame-pointer \
+	-D_GLIBCXX_ASSERTIONS
+PRELOADED = $(foreach library,asan ubsan stdc++,$$(g++ -print-file-name=lib$(library).so))
+
+sanitize: $(READY) ## compile the kernels with GCC's sanitizers, beside .venv, and test them
+	$(call BESIDE,$(SANITIZED))
+	CC=gcc CXX=g++ CXXFLAGS="$(SANITIZERS)" $(call INTO,$(SANITIZED)) -C cmake.build-type=RelWithDebInfo \
+		-C cmake.define.CMAKE_CXX_FLAGS_RELWITHDEBINFO="-O2 -g1 -DNDEBUG" -C install.strip=false .
+	LD_PRELOAD="$(PRELOADED)" ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
+		PYTHONMALLOC=malloc $(SANITIZED)/bin/python -m pytest -n auto $(KERNEL_TESTS)
 
 # Needs g++-aarch64-linux-gnu and qemu-user, as Debian calls them.
 SAME_BITS := build/same_bits
