@@ -31,7 +31,8 @@ std::size_t Batch::packet_count() const {
 
 std::shared_ptr<Batch> free_batch() {
     static std::mutex mutex;
-    static std::vector<std::shared_ptr<Batch>> batches;
+    // Never freed: where the process ends in the middle of a frame, threads walk on while static objects are destroyed
+    static auto& batches = *new std::vector<std::shared_ptr<Batch>>;
     constexpr std::size_t kKept = 64;
     const std::lock_guard locked(mutex);
     for (const auto& batch : batches) {
