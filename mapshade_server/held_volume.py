@@ -5,7 +5,9 @@ Takes the client's requests about the volume and gives the answers; knows no con
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from volsplat.mapshade_server.answers.volume_answers import Answer, Surveyed, check_within, counted, store_described
 from volsplat.mapshade_server.answers.voxel_answers import OfVoxels
@@ -39,6 +41,29 @@ NO_PAYLOAD = memoryview(b"")
 ALL_THAT_IS_LEFT = MemoryBudget()
 
 
+@dataclass(frozen=True)
+class HeldOf:
+    """Of what levels are: of a packet store, which has a path here, or of a volume's values."""
+
+    store: str = ""
+    identity: VolumeIdentity | None = None
+    quantisation: Quantisation | None = None  # that values were packed by
+
+    @property
+    def packets(self) -> bool:
+        return bool(self.store or self.quantisation)
+
+
+NOTHING = HeldOf()
+
+
+class PassedBoxes(NamedTuple):
+    """Boxes that are surveyed, but not held."""
+
+    boxes: list[PassedBox]
+    check: Callable[[], None]  # raises BadInput if they are not of the volume that was described
+
+
 class HeldVolume:
     """The sub-cubes of one assignment, and how they come here."""
 
@@ -50,15 +75,11 @@ class HeldVolume:
         self._budget = budget
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
-        self._path = ""
-        self._identity: VolumeIdentity | None = None  # of the volume that levels are of
-        self._quantisation: Quantisation | None = None  # that values were packed by
+        self._of = NOTHING  # what these are of
         self._surveyed: Surveyed | None = None  # of that volume's values, which were packed
         self._again: messages.ReadSubCubes | None = None  # was answered by what a client before had read
-        self._passed: list[PassedBox] = []  # that are surveyed, but not held
-        self._passed_by: Callable[[], None] = lambda: None  # checks that they are of the volume that was described
+        self._passed: PassedBoxes | None = None
         self._lent: LentVolume | None = None
-        self._lent_for = 0  # assignment
         self._awaited: AwaitedParts | None = None
         self._ahead = PartsAhead(budget)
 
@@ -83,12 +104,11 @@ class HeldVolume:
 
     def keep(self) -> None:
         """The client is gone: keep what the next one may ask for, which is packets alone."""
-        if self._quantisation is None and not self._path:
+        if not self._of.packets:
             self._drop()
         self._budget.taken()
         self._ahead.drop()
-        self._lent, self._again, self.assignment = None, None, 0
-        self._passed, self._passed_by = [], lambda: None
+        self._lent, self._again, self._passed, self.assignment = None, None, None, 0
 
     @property
     def packed_bytes(self) -> int:
@@ -142,11 +162,11 @@ class HeldVolume:
     def _read_sub_cubes(self, request: messages.ReadSubCubes) -> list[Answer]:
         """From the volume that was lent to others, if it is that, which is let go; else from the file."""
         started = time.perf_counter()
-        loan = self._lent if self._lent_for == request.assignment else None
+        loan = self._loan(request.assignment)
         reader, check = (loan, _unchanged) if loan else checked_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
-        if not self.assignment and self._quantisation and self._surveyed and self._surveyed.answers(request):
+        if not self.assignment and self._of.quantisation and self._surveyed and self._surveyed.answers(request):
             self._again, self.assignment = request, request.assignment
             return [self._surveyed.again(request.assignment)]
         if request.held:
@@ -155,14 +175,13 @@ class HeldVolume:
         reader = self._while_wanted(reader, request.assignment)
         if not request.held:
             sheets = sheet_reader(reader)
-            self._passed = [PassedBox(sheets, box) for box in request.boxes]
-            self._passed_by = check
-            return [self._read(self._passed, request.assignment, started)]
+            self._passed = PassedBoxes([PassedBox(sheets, box) for box in request.boxes], check)
+            return [self._read(self._passed.boxes, request.assignment, started)]
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]
         for sub_cube in sub_cubes:
             sub_cube.read(reader)
         check()
-        self._levels, self._identity = {0: sub_cubes}, request.identity
+        self._levels, self._of = {0: sub_cubes}, HeldOf(identity=request.identity)
         read = self._read(sub_cubes, request.assignment, started)
         self._surveyed = Surveyed(request, read) if loan is None else None
         return [read]
@@ -173,23 +192,27 @@ class HeldVolume:
         reader = described_volume(request.path, request.identity)
         self._make_room(bytes_to_lend(reader.describe()))
         self._drop()
-        loan = lent(self._while_wanted(reader, request.assignment))
+        loan = lent(self._while_wanted(reader, request.assignment), request.assignment)
         check_still(request.path, reader, reader.describe(), request.identity)
-        self._lent, self._lent_for = loan, request.assignment
+        self._lent = loan
         answer = messages.VolumeLent(
             assignment=request.assignment,
-            scalar_types=self._lent.scalar_types,
-            bytes=self._lent.nbytes,
+            scalar_types=loan.scalar_types,
+            bytes=loan.nbytes,
             seconds=time.perf_counter() - started,
         )
         return [Answer(answer)]
 
     @takes(messages.ReadPart)
     def _read_part(self, request: messages.ReadPart) -> list[Answer]:
-        if self._lent is None or self._lent_for != request.assignment:
+        loan = self._loan(request.assignment)
+        if loan is None:
             raise BadInput(f"a part is for assignment {request.assignment}, of which nothing is lent")
         read = messages.PartRead(assignment=request.assignment, part=request.part)
-        return [Answer(read, (self._lent.part(request.part),))]
+        return [Answer(read, (loan.part(request.part),))]
+
+    def _loan(self, assignment: int) -> LentVolume | None:
+        return self._lent if self._lent is not None and self._lent.assignment == assignment else None
 
     @takes(messages.AwaitParts)
     def _await_parts(self, request: messages.AwaitParts) -> list[Answer]:
@@ -218,9 +241,11 @@ class HeldVolume:
         self.check(request.assignment, "the count of histograms")
         if self._surveyed is not None and (known := self._surveyed.counts(request)) is not None:
             return [known]
-        answer = counted(self._passed or self.sub_cubes(0), request)
-        if self._passed:
-            self._passed_by()
+        if self._passed is not None:
+            answer = counted(self._passed.boxes, request)
+            self._passed.check()
+            return [answer]
+        answer = counted(self.sub_cubes(0), request)
         if self._surveyed is not None:
             self._surveyed.remember(request, answer)
         return [answer]
@@ -233,33 +258,34 @@ class HeldVolume:
             return self._pack_again(self._again, request, started)
         for sub_cube in self.sub_cubes(0):
             sub_cube.pack(request.quantisation)
-        self._quantisation = request.quantisation
+        self._of = replace(self._of, quantisation=request.quantisation)
         return [self._packed(request.assignment, started, read=0)]
 
     def _pack_again(self, asked: messages.ReadSubCubes, request: messages.PackVoxels, started: float) -> list[Answer]:
         """What a client before has left is there at once; only the rest is read."""
-        held = self.sub_cubes(0) if self._quantisation == request.quantisation else []
+        packed = HeldOf(identity=asked.identity, quantisation=request.quantisation)
+        held = self._held_of(packed)
         reader = described_volume(asked.path, asked.identity)
         needed = bytes_to_change(reader.describe(), asked.boxes, [cube.box for cube in held])
         self._budget.take(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
-        self._levels, self._again, self._quantisation = {}, None, None
+        self._levels, self._again, self._of = {}, None, HeldOf(identity=asked.identity)
         wanted = self._while_wanted(reader, request.assignment)
         try:
             sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, asked.boxes, held)
         except GivenUp:
             if held:  # for the client after this one
-                self._levels, self._quantisation = {0: held}, request.quantisation
+                self._levels, self._of = {0: held}, packed
             raise
         check_still(asked.path, reader, reader.describe(), asked.identity)
-        self._levels, self._quantisation = {0: sub_cubes}, request.quantisation
+        self._levels, self._of = {0: sub_cubes}, packed
         return [self._packed(request.assignment, started, read)]
 
     @takes(messages.ChangeSubCubes)
     def _change_sub_cubes(self, request: messages.ChangeSubCubes) -> list[Answer]:
         """What is not wanted any more is let go once all the rest is there. One that has just joined holds nothing."""
         started = time.perf_counter()
-        rules = request.identity, request.quantisation
-        held = [*self._packed_as(*rules), *self._ahead.cubes(*rules)]
+        packed = HeldOf(identity=request.identity, quantisation=request.quantisation)
+        held = [*self._held_of(packed), *self._ahead.cubes(request.identity, request.quantisation)]
         reader = described_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
@@ -269,16 +295,16 @@ class HeldVolume:
         sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
-        if self._identity != request.identity:
+        if self._of.identity != request.identity:
             self._surveyed = None
-        self._path, self._identity, self._quantisation = "", request.identity, request.quantisation
+        self._of = packed
         self._ahead.drop()
         return [self._packed(request.assignment, started, read)]
 
     def reading_ahead(self, request: messages.ReadAhead) -> Callable[[], None]:
         """See PartsAhead.begin."""
-        packed = self._packed_as(request.identity, request.quantisation)
-        return self._ahead.begin(request, packed, lambda: self.superseded(self.assignment))
+        packed = HeldOf(identity=request.identity, quantisation=request.quantisation)
+        return self._ahead.begin(request, self._held_of(packed), lambda: self.superseded(self.assignment))
 
     def give_up_reading(self) -> None:
         """What is being read ahead."""
@@ -287,10 +313,9 @@ class HeldVolume:
     def _while_wanted(self, reader: VolumeReader, assignment: int) -> VolumeReader:
         return WantedReader(reader, lambda: self.superseded(assignment))
 
-    def _packed_as(self, identity: VolumeIdentity, quantisation: Quantisation) -> list[SubCube]:
+    def _held_of(self, packed: HeldOf) -> list[SubCube]:
         """The sub-cubes that are held, if they are of this volume by these rules."""
-        same = (self._identity, self._quantisation) == (identity, quantisation)
-        return self._levels.get(0, []) if same else []
+        return self._levels.get(0, []) if self._of == packed else []
 
     # -- from a packet store
 
@@ -307,7 +332,7 @@ class HeldVolume:
                 raise BadInput(f"there is no level {one.level}: {request.path} has {len(store.levels)} levels")
             check_within(one.boxes, store.levels[one.level])
         kept, read = self._let_go_except(request), 0
-        self._path, self._identity = request.path, request.identity
+        self._of = HeldOf(request.path, request.identity)
         for one in sorted(request.levels, key=lambda one: -one.level):
             try:
                 self._levels[one.level], more = stored_sub_cubes(
@@ -327,7 +352,7 @@ class HeldVolume:
 
     def _let_go_except(self, request: messages.OpenPackets) -> dict[int, list[SubCube]]:
         """Hold nothing any more; what reaches into what is wanted is in the answer, by level."""
-        before = self._levels if (self._path, self._identity) == (request.path, request.identity) else {}
+        before = self._levels if self._of == HeldOf(request.path, request.identity) else {}
         self._drop()
         return {
             one.level: [cube for cube in before.get(one.level, []) if any(map(cube.box.common, one.boxes))]
@@ -339,11 +364,10 @@ class HeldVolume:
         self._budget.take(needed, self.packed_bytes, let_go=self.packed_bytes)
 
     def _drop(self) -> None:
-        self._levels, self.assignment, self._path, self._identity = {}, 0, "", None
-        self._quantisation, self._surveyed, self._again = None, None, None
-        self._lent, self._awaited = None, None
+        self._levels, self._of, self.assignment = {}, NOTHING, 0
+        self._surveyed, self._again = None, None
+        self._lent, self._awaited, self._passed = None, None, None
         self._ahead.drop()
-        self._passed, self._passed_by = [], lambda: None
 
     def _read(self, sub_cubes: Sequence[SubCube | PassedBox], assignment: int, started: float) -> Answer:
         """The sub-cubes have their values, or know where to find them."""

@@ -17,7 +17,8 @@ from volsplat.protocol.text.errors import BadInput
 class LentVolume:
     """Reads like the file that it was read from. What it gives are copies: they do not keep it in memory."""
 
-    def __init__(self, description: VolumeDescription, scalars: list[Voxels]) -> None:
+    def __init__(self, assignment: int, description: VolumeDescription, scalars: list[Voxels]) -> None:
+        self.assignment = assignment
         self._description = description
         self._scalars = scalars
 
@@ -54,10 +55,10 @@ class LentVolume:
         return self._scalars[scalar][box.slices()].copy()
 
 
-def lent(reader: VolumeReader) -> LentVolume:
-    """Read the whole of a volume. Raises BadInput if the file turns out to be unusable."""
+def lent(reader: VolumeReader, assignment: int) -> LentVolume:
+    """Read the whole of a volume, which others get in this assignment. Raises BadInput if the file turns out to be unusable."""
     description = reader.describe()
-    return LentVolume(description, read_scalars(reader, description.geometry.box))
+    return LentVolume(assignment, description, read_scalars(reader, description.geometry.box))
 
 
 class AwaitedParts:
