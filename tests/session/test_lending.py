@@ -109,7 +109,7 @@ def test_what_comes_in_parts_is_what_is_read_at_once() -> None:
     values = random.integers(-9, 9, (7, 8, 9), dtype=np.int16)
     reader = TwoScalars(values, random.random((7, 8, 9), dtype=np.float32))
     geometry, boxes = reader.describe().geometry, [Box((0, 0, 0), (9, 4, 7)), Box((3, 4, 0), (9, 8, 7))]
-    loan = lent(reader)
+    loan = lent(reader, assignment=1)
     assert loan.scalar_types == ["int16", "float32"]
     awaited = AwaitedParts(AwaitParts(1, reader.describe(), boxes))
     for n, box in enumerate(boxes):
