@@ -63,20 +63,25 @@ def handed_over(lost: ServerState) -> str:
         what = f"{part_of_volume(lost.boxes)} of the volume"
     else:
         what = f"its part of the {'image' if lost.role is Role.SPLAT_SERVER else 'volume'}"
-    if not lost.alone:
-        heirs = "others take over"
-    elif lost.by_hand:
-        heirs = f"another {lost.role} that joins within {ANOTHER_SECONDS:g} s takes over"
-    else:
-        heirs = "another one is started in its place and takes over"
+    heirs = _awaited(lost) if lost.alone else "others take over"
     return f"{lost.cause}; {heirs} {what}"
 
 
+def _awaited(lost: ServerState) -> str:
+    if lost.by_hand:
+        return f"another {lost.role} that joins within {ANOTHER_SECONDS:g} s takes over"
+    return "another one is started in its place and takes over"
+
+
 def losses(servers: Sequence[ServerState]) -> dict[int, str]:
-    """What is to be told of each server that was lost and that the session goes on without."""
-    drawn = any(server.role is Role.SPLAT_SERVER and not server.lost for server in servers)
-    lost = [server for server in servers if server.lost and drawn]
-    return {server.id: str(incomplete([server])) if missing_boxes([server]) else handed_over(server) for server in lost}
+    """What is to be told of each server that was lost, in a session that goes on."""
+    return {server.id: _told(server) for server in servers if server.lost}
+
+
+def _told(lost: ServerState) -> str:
+    if not missing_boxes([lost]):
+        return handed_over(lost)
+    return f"{incomplete([lost])}; {_awaited(lost)}" if lost.alone else str(incomplete([lost]))
 
 
 def part_of_volume(boxes: Iterable[Box]) -> str:

@@ -55,8 +55,16 @@ def servers_panel(viewing: Viewing) -> None:
     def note(picture: Picture) -> None:
         if picture.outcome is not None:
             finished[:] = [picture]
-        if picture.last and picture.outcome is not None:  # not with every picture: the page is rendered anew
-            summary.set_text(summary_words(viewing.session.servers, picture.outcome))
+        if picture.last:  # not with every picture: the page is rendered anew
+            summarise()
+        ask()
+
+    def summarise() -> None:
+        if finished and finished[0].outcome is not None:
+            summary.set_text(summary_words(viewing.session.servers, finished[0].outcome))
+
+    def hear() -> None:
+        summarise()
         ask()
 
     def show() -> None:
@@ -84,7 +92,7 @@ def servers_panel(viewing: Viewing) -> None:
     for unsubscribe in (
         viewing.on_picture(note),
         viewing.model.subscribe(lambda _: ask()),
-        viewing.troubles.subscribe(lambda _: ask()),
+        viewing.troubles.subscribe(lambda _: hear()),
     ):
         context.client.on_delete(unsubscribe)
     newest = viewing.pictures.newest

@@ -22,7 +22,13 @@ from support.messages.coordinated import (
     surveyed,
 )
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import Answer, FolderAsked, ServerLost, ServerProcessEnded
+from volsplat.client.coordinator.coordinator_events import (
+    Answer,
+    FolderAsked,
+    NobodyJoined,
+    ServerLost,
+    ServerProcessEnded,
+)
 from volsplat.client.coordinator.folder_listings import MOST_WAITING
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -79,7 +85,8 @@ def test_while_servers_are_waited_for_questions_wait_for_the_first_that_can_answ
 def test_a_failed_session_ends_all_questions() -> None:
     coordinator = drawing()
     coordinator.handle(ASKED)
-    told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    told = coordinator.handle(NobodyJoined("no other has joined"))
     (ended,) = (one for one in told if isinstance(one, Answer))
     assert isinstance(ended.error, PeerLost) and coordinator.handle(ASKED) == [ended]
 
