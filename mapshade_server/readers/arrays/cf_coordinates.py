@@ -20,7 +20,9 @@ _ALONG = {
 }
 PHYSICAL_AXES = {word: letter for letter, words in _ALONG.items() for word in words.split()}
 _LONGITUDES = "lon longitude grid_longitude degrees_east degree_east degrees_e degree_e degreese degreee".split()
-_VERTICAL = {word for word, letter in PHYSICAL_AXES.items() if letter == "z" and word != "z"}
+_UP = "height altitude".split()
+_DOWN = "depth air_pressure".split()
+_PRESSURES = "pa hpa kpa dbar decibar decibars mbar millibar millibars bar bars atm".split()
 
 
 class Coordinates(NamedTuple):
@@ -34,7 +36,8 @@ def coordinates_of(
     length: int, name: str, read: Callable[[], NDArray[Any]] | None, attributes: Attributes
 ) -> Coordinates:
     """The axis `name` of an array, whose coordinates are to be `read`; None if the file has only a name for it."""
-    vertical = _is_vertical(name, attributes)
+    down = _points_down(name, attributes)
+    vertical = down is not None or text_attribute(attributes, "axis").lower() == "z"
     axis = ArrayAxis(length, name, along=_along(name, attributes), vertical=vertical)
     if read is None:
         return Coordinates(axis)
@@ -52,10 +55,8 @@ def coordinates_of(
     step = (last - first) / (length - 1) if length > 1 else 1.0
     if not (_goes_one_way(numbers) and step):
         return unusable
-    down = text_attribute(attributes, "positive").lower() == "down"
-    placed = ArrayAxis(
-        length, name, _unit(attributes), first, step, axis.along or ("z" if down else ""), down, vertical
-    )
+    along = axis.along or ("z" if vertical else "")
+    placed = ArrayAxis(length, name, _unit(attributes), first, step, along, bool(down), vertical)
     if (uneven := unevenness(numbers)) is None:
         return Coordinates(placed)
     apart = f"{uneven.least:.4g} to {uneven.greatest:.4g}"
@@ -88,13 +89,18 @@ def _along(name: str, attributes: Attributes) -> str:
     return next((PHYSICAL_AXES[word.lower()] for word in told if word.lower() in PHYSICAL_AXES), "")
 
 
-def _is_vertical(name: str, attributes: Attributes) -> bool:
-    """Whether it is a height or a depth, by what its attributes or its name say."""
-    if text_attribute(attributes, "positive").lower() in ("up", "down") or (
-        text_attribute(attributes, "axis").lower() == "z"
-    ):
+def _points_down(name: str, attributes: Attributes) -> bool | None:
+    """Whether it grows downwards; None if it is neither a height nor a depth nor a pressure, as far as is told.
+
+    A pressure need not say so (chapter 4.3).
+    """
+    positive = text_attribute(attributes, "positive").lower()
+    if positive in ("up", "down"):
+        return positive == "down"
+    told = {text_attribute(attributes, "standard_name").lower(), name.lower()}
+    if text_attribute(attributes, "units").lower() in _PRESSURES or told.intersection(_DOWN):
         return True
-    return bool(_VERTICAL & {text_attribute(attributes, "standard_name").lower(), name.lower()})
+    return False if told.intersection(_UP) else None
 
 
 def _unit(attributes: Attributes) -> str:

@@ -144,6 +144,28 @@ def test_axes_of_the_earth_are_told(tmp_path: Path) -> None:
     assert "no unit in common" in warning
 
 
+@pytest.mark.parametrize(
+    ("name", "attributes", "k_towards_z"),
+    [
+        ("level", {"units": "millibars"}, -1),
+        ("lev", {"units": "hPa", "positive": "up"}, 1),
+        ("plev", {"units": "Pa", "standard_name": "air_pressure"}, -1),
+        ("depth", {"units": "m"}, -1),
+        ("altitude", {"units": "m"}, 1),
+    ],
+)
+def test_pressures_and_depths_grow_downwards_unless_they_say_otherwise(
+    name: str, attributes: dict[str, Any], k_towards_z: int, tmp_path: Path
+) -> None:
+    scales = {
+        name: (np.arange(5) * 100.0 + 100, attributes),
+        "y": (np.arange(6.0), {"units": "m"}),
+        "x": (np.arange(7.0), {"units": "m"}),
+    }
+    geometry = described(netcdf(tmp_path / "v.nc", values_of("int16"), scales)).geometry
+    assert np.sign(geometry.index_to_physical[2][2]) == k_towards_z
+
+
 def test_dimensions_without_coordinates_give_only_names(tmp_path: Path) -> None:
     frames = np.arange(2 * 3 * 4 * 5, dtype=np.int16).reshape(2, 3, 4, 5)
     path = netcdf(tmp_path / "v.nc", frames, {name: (None, {}) for name in ("time", "z", "y", "x")})
