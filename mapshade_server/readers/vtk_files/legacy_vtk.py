@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_vectors
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox
-from volsplat.mapshade_server.readers.vtk_files.legacy_vtk_header import LegacyArray, LegacyHeader, legacy_header
+from volsplat.mapshade_server.readers.vtk_files.legacy_vtk_header import (
+    COLOUR_TEXT,
+    LegacyArray,
+    LegacyHeader,
+    legacy_header,
+)
 from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import VtkArray, text_voxels
 from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, parts_of_arrays
 from volsplat.mapshade_server.readers.vtk_files.vtk_grid import GridArray, opened_grid
@@ -55,6 +60,9 @@ def _reader(path: Path, header: LegacyHeader, array: LegacyArray) -> Callable[[I
     dtype = np.dtype(array.scalar_type).newbyteorder(">")
 
     def reader(dims: Index) -> ReadBox:
+        if array.stated_type == COLOUR_TEXT:
+            shares = text_voxels(VtkArray(path, dims, np.dtype(">f4"), np.dtype("u4"), array.start), array.end)
+            return lambda box: np.rint(255 * shares(box)).clip(0, 255).astype(np.uint8)
         if not header.binary:
             return text_voxels(VtkArray(path, dims, dtype, np.dtype("u4"), array.start), array.end)
         voxels = StoredVoxels(path, dims, dtype, (Piece(path, dims[2], array.start),))

@@ -20,6 +20,7 @@ from volsplat.protocol.text.errors import BadInput
 KINDS = ("STRUCTURED_POINTS", "RECTILINEAR_GRID")
 LONGEST_LINE = 4096  # of words; numbers may stand in longer ones
 READ_BYTES = 1 << 20
+COLOUR_TEXT = "colour as text"  # 0 to 1 for 0 to 255; VTK writes all scalars of 8 bits so, where they are text
 SCALAR_TYPES = {
     "char": "int8",
     "signed_char": "int8",
@@ -33,6 +34,7 @@ SCALAR_TYPES = {
     "vtktypeint64": "int64",
     "vtktypeuint64": "uint64",
     "vtkidtype": "int32",  # as VTK writes its indices
+    COLOUR_TEXT: "uint8",
     "float": "float32",
     "double": "float64",
 }
@@ -155,8 +157,7 @@ class _Parsing:
 
     @property
     def _colour_type(self) -> str:
-        """Numbers of 8 bits, which are 0 to 1 if they are written as text."""
-        return "unsigned_char" if self._header.binary else "float"
+        return "unsigned_char" if self._header.binary else COLOUR_TEXT
 
     def _scalars(self, words: list[str]) -> None:
         components = int(words[3]) if len(words) > 3 else 1
