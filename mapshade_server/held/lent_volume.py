@@ -56,7 +56,10 @@ class LentVolume:
 
 
 def lent(reader: VolumeReader, assignment: int) -> LentVolume:
-    """Read the whole of a volume, which others get in this assignment. Raises BadInput if the file turns out to be unusable."""
+    """Read the whole of a volume, of which others get parts in this assignment.
+
+    Raises BadInput if the file turns out to be unusable.
+    """
     description = reader.describe()
     return LentVolume(assignment, description, read_scalars(reader, description.geometry.box))
 

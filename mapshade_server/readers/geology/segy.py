@@ -204,6 +204,7 @@ def _byte_order(path: Path) -> ByteOrder:
 def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int]:
     """Where some traces lie on the map, by the first coordinates that are filled in, and the code of their unit.
 
+    At 0, 0 lies none: dead traces often have no others.
     Raises BadInput if the traces do not begin together, which a grid cannot hold.
     """
     places = list(sampled(grid))
@@ -215,12 +216,12 @@ def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int]:
             "export them with one start time"
         )
     for x, y in COORDINATE_COLUMNS:
-        if any(header[x] or header[y] for header in headers):
+        filled = [(place, header) for place, header in zip(places, headers, strict=True) if header[x] or header[y]]
+        if filled:
             spots = [
-                Spot(j, k, _scaled(header[x], header[1]), _scaled(header[y], header[1]))
-                for (k, j), header in zip(places, headers, strict=True)
+                Spot(j, k, _scaled(header[x], header[1]), _scaled(header[y], header[1])) for (k, j), header in filled
             ]
-            return spots, headers[0][2]
+            return spots, filled[0][1][2]
     return [], 0
 
 

@@ -238,6 +238,16 @@ def test_older_files_have_their_coordinates_in_the_source_fields(tmp_path: Path)
     assert described(path).geometry == described(written(tmp_path / "plain.sgy", by_inline())).geometry
 
 
+def test_dead_traces_at_0_0_leave_the_others_where_they_are(tmp_path: Path) -> None:
+    def headers(inline: int, crossline: int) -> Header:
+        dead = (inline, crossline) in (by_inline()[0], by_inline()[-1])
+        return {71: -10, 181: 0, 185: 0} if dead else on_map(inline, crossline)
+
+    path = written(tmp_path / "survey.sgy", by_inline(), headers=headers)
+    whole = described(written(tmp_path / "plain.sgy", by_inline())).geometry
+    np.testing.assert_allclose(described(path).geometry.index_to_physical, whole.index_to_physical, rtol=1e-9)
+
+
 def test_feet_stay_feet(tmp_path: Path) -> None:
     description = described(written(tmp_path / "survey.sgy", by_inline(), binary={3255: 2}))
     assert description.unit == "ft"
