@@ -1,11 +1,13 @@
 """Names of bytes that are not UTF-8, as old disks have them: refused in one line, and no harm beside or above."""
 
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from support.programs.programs import Person
+from support.patience import PATIENCE
+from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
@@ -43,6 +45,19 @@ def test_a_name_that_is_not_utf8_is_refused_in_one_line(folder: Path, words: lis
     assert "this name is not UTF-8; rename it, or link to it by another name" in done.stderr
     assert done.stderr.count("\n") == 1
     assert sorted(os.listdir(os.fsencode(folder))) == before
+
+
+def test_where_the_language_setting_is_at_fault_the_name_is_not_blamed(folder: Path) -> None:
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(
+        [VOLSPLAT, "info", "dir é/ü.nrrd".encode()],
+        cwd=folder,
+        env={**Person(folder).environment, **plain},
+        capture_output=True,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 2 and done.stderr.count(b"\n") == 1, done.stderr
+    assert b"set LC_ALL=C.UTF-8" in done.stderr and b"rename" not in done.stderr
 
 
 def test_such_a_folder_is_worked_in_by_a_link_to_it(folder: Path) -> None:
