@@ -46,8 +46,7 @@ class MemoryPromises:
                 self._aim = _own_memory() + max(grows, 0)
                 self._tell()
                 if self._telling is None and self._slot is not None:
-                    self._telling = threading.Thread(target=self._tell_on, name="memory promised", daemon=True)
-                    self._telling.start()
+                    self._begin_to_tell()
 
     def settle(self) -> None:
         """All that was promised has been taken, or will not be."""
@@ -56,6 +55,15 @@ class MemoryPromises:
                 self._aim = None
                 self._tell()
                 self._changed.notify_all()
+
+    def _begin_to_tell(self) -> None:
+        telling = threading.Thread(target=self._tell_on, name="memory promised", daemon=True)
+        try:
+            telling.start()
+        except RuntimeError as error:  # the system has no thread left: the promise stays whole until it is settled
+            log.debug("other servers are not told what has been taken of what is promised: %s", error)
+        else:
+            self._telling = telling
 
     @contextmanager
     def _alone(self) -> Iterator[int]:

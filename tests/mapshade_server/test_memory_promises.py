@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ MIB = 1 << 20
 SERVER = """
 import resource
 import sys
+import threading
 from pathlib import Path
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget
 from volsplat.mapshade_server.held.memory_promises import MemoryPromises
@@ -124,3 +126,19 @@ def test_a_file_of_somebody_else_s_is_left_alone(tmp_path: Path) -> None:
     file.symlink_to(tmp_path / "elsewhere")
     assert promised(MemoryPromises(tmp_path)) == promised(MemoryPromises(tmp_path / "missing")) == 0
     assert not (tmp_path / "elsewhere").exists() and promised(mine) == 0
+
+
+def test_a_promise_is_made_where_no_thread_can_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that makes promises smaller is begun with the next one instead."""
+
+    def no_thread(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    promises = MemoryPromises(tmp_path)
+    with monkeypatch.context() as short:
+        short.setattr(threading.Thread, "start", no_thread)
+        promises.claim(MIB, lambda _: None)
+    before = threading.active_count()
+    promises.claim(MIB, lambda _: None)
+    assert threading.active_count() == before + 1
+    promises.settle()
