@@ -283,7 +283,8 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw
 def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_as_well(other_links: bool) -> None:
     """That others take over is said only once one of them has reached it."""
     coordinator = CheckedCoordinator()
-    for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))]:
+    far = replace(JOINED[0], elsewhere=True)
+    for event in [*joins(far, *JOINED[1:]), ASKED, said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))]:
         coordinator.handle(event)
     if other_links:
         coordinator.handle(said(SECOND, messages.ConnectedToSplatServers([SPLAT])))
@@ -300,6 +301,23 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_before_the_survey_a
         assert isinstance(failed, FailSession) and str(failed.error).startswith(
             "cannot reach the splat server; or tell"
         )
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize("reason", messages.Reason)
+def test_another_address_is_advised_only_where_dialling_between_machines_failed(
+    elsewhere: bool, reason: messages.Reason
+) -> None:
+    coordinator = CheckedCoordinator()
+    splat = replace(JOINED[0], elsewhere=elsewhere)
+    described = said(FIRST, messages.VolumeDescribed(WHOLE, None, IDENTITY))
+    for event in [*joins(splat, *JOINED[1:]), ASKED, described]:
+        coordinator.handle(event)
+    refused = messages.Refused("ConnectToSplatServers", "cannot reach it", reason=reason)
+    told = [*coordinator.handle(said(FIRST, refused)), *coordinator.handle(said(SECOND, refused))]
+    (failed,) = [one for one in told if isinstance(one, FailSession)]
+    advised = "--advertise HOST" in str(failed.error)
+    assert advised is (elsewhere and reason is messages.Reason.PEER_LOST)
 
 
 def unlinked() -> tuple[CheckedCoordinator, ServerJoined]:
