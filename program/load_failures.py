@@ -6,8 +6,9 @@ import errno
 from collections.abc import Iterator
 from traceback import walk_tb
 
-_NO_THREAD = "can't start new thread"
-_FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", _NO_THREAD, "bad_alloc")
+from volsplat.protocol.text.want_of_threads import CURE, NO_THREAD, is_want_of_threads
+
+_FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", NO_THREAD, "bad_alloc")
 _SHARED_OBJECTS = (".so", ".dylib")
 
 
@@ -15,8 +16,8 @@ def load_failure(error: BaseException) -> str | None:
     """The cause and the cure if memory does not suffice or a library could not be loaded, else None."""
     for cause in _causes(error):
         said = str(cause).strip().partition("\n")[0]
-        if isinstance(cause, RuntimeError) and said == _NO_THREAD:
-            return f"not enough memory or processes ({said}); end some, or raise the limits (`ulimit -u`, `ulimit -v`)"
+        if is_want_of_threads(cause):
+            return CURE
         if isinstance(cause, MemoryError) or _for_want_of_memory(cause, said):
             for_what = " to load a library" if _while_importing(cause) else ""
             told = f" ({said})" if said else ""

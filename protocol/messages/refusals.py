@@ -4,6 +4,7 @@ import logging
 
 from volsplat.protocol.messages.messages import LONGEST_LINE, Message, Reason, Refused
 from volsplat.protocol.text.errors import NoRoom, PeerLost, VolsplatError
+from volsplat.protocol.text.want_of_threads import CURE, is_want_of_threads
 
 log = logging.getLogger(__name__)
 
@@ -59,6 +60,8 @@ def _reason(error: Exception) -> Reason:
 def _cause(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return OUT_OF_MEMORY
+    if is_want_of_threads(error):
+        return CURE
     line = " ".join(str(error).split())
     if line and isinstance(error, VolsplatError | ValueError | OSError):
         return line

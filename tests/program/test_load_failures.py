@@ -15,6 +15,8 @@ from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.program.load_failures import load_failure
+from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.session_messages import DescribeMachine
 
 
 def test_want_of_memory_is_told_whatever_it_is_wrapped_into() -> None:
@@ -33,6 +35,12 @@ def test_want_of_memory_is_told_whatever_it_is_wrapped_into() -> None:
 
     processes = load_failure(RuntimeError("can't start new thread"))
     assert processes is not None and "`ulimit -u`" in processes
+
+
+def test_a_server_that_gets_no_thread_refuses_with_the_cure_and_no_traceback(caplog: pytest.LogCaptureFixture) -> None:
+    error = RuntimeError("can't start new thread")
+    refused = refusal(DescribeMachine(), error)
+    assert refused.cause == load_failure(error) and not caplog.records
 
 
 def test_a_library_is_named_only_while_one_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
