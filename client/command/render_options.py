@@ -23,7 +23,7 @@ from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.volume.surveyed_volume import SurveyedVolume, asking_for_fit, showing_all
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.protocol.description.scene import LARGEST_EXTENT, PaperStep, Scene
 from volsplat.protocol.description.scene_keys import KEYS
 from volsplat.protocol.description.view_rotation import rotation_from_option
 from volsplat.protocol.description.volume import LONGEST_AXIS, Index
@@ -78,6 +78,7 @@ class SceneOptions:
     changes: Mapping[str, Any] = field(default_factory=dict)
     more: str = ""  # TOML: what --set changes besides
     fit: str | None = None  # all or visible: zoom and centre that the volume decides
+    lit_from: PaperStep | None = None  # of presets and the default, in place of their own
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Self:
@@ -112,11 +113,14 @@ class SceneOptions:
         paths = [file for file in files if file is not None]
         if volume is None:
             return self._changed(_scene_in(paths, preset_scene(self.preset or "ct-skin")), None)
-        begun = volume.begun_scene(self.preset)
+        begun = self._lit(volume.begun_scene(self.preset))
         scene = self._changed(_scene_in(paths, begun), volume)
         if scene.quantise == begun.quantise:
             return scene
-        return self._changed(_scene_in(paths, volume.begun_scene(self.preset, scene.quantise)), volume)
+        return self._changed(_scene_in(paths, self._lit(volume.begun_scene(self.preset, scene.quantise))), volume)
+
+    def _lit(self, scene: Scene) -> Scene:
+        return scene if self.lit_from is None else lit_from(scene, self.lit_from)
 
     def _changed(self, scene: Scene, volume: SurveyedVolume | None) -> Scene:
         try:
@@ -129,6 +133,10 @@ class SceneOptions:
         if self.fit == "all" and volume is not None:
             return showing_all(scene, volume.description.geometry)
         return scene if self.fit is None else asking_for_fit(scene)
+
+
+def lit_from(scene: Scene, step: PaperStep) -> Scene:
+    return msgspec.structs.replace(scene, refine=msgspec.structs.replace(scene.refine, lit_from=step))
 
 
 def _scene_in(paths: Sequence[Path], base: Scene) -> Scene:

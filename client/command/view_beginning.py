@@ -8,17 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import ignored, opened, session_of, tell_how_to_join
-from volsplat.client.command.render_options import SceneOptions
+from volsplat.client.command.render_options import SceneOptions, lit_from
 from volsplat.client.command.server_options import Servers
 from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.session.session import Session
 from volsplat.program.confinement import can_confine
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import PaperStep, Refine, Scene
+from volsplat.protocol.description.scene import PaperStep, Scene
 from volsplat.protocol.description.volume_name import volume_name
 
 if TYPE_CHECKING:
@@ -41,7 +39,7 @@ class ViewBeginning:
 
     def __init__(self, servers: Servers, options: SceneOptions, root: str | None, console: PlainConsole) -> None:
         self._servers = servers
-        self._options = options
+        self._options = options if options.scene is not None else replace(options, lit_from=LIT_FROM)
         self._root = root
         self._console = console
         self._phantoms: PhantomFiles | None = None
@@ -115,11 +113,10 @@ class ViewBeginning:
             from volsplat.client.ui.viewing.opened_viewing import opened_viewing
             from volsplat.client.ui.viewing.trouble import BY_BUTTON, BY_HAND
 
-        lit = scene is None and not (first and self._options.scene is not None)
-        if scene is None:
-            scene = self._options.scene_of(session.volume) if first else session.default_scene()
-        if lit:
-            scene = msgspec.structs.replace(scene, refine=Refine(lit_from=LIT_FROM))
+        if scene is None and first:
+            scene = self._options.scene_of(session.volume)
+        elif scene is None:
+            scene = lit_from(session.default_scene(), LIT_FROM)
         return opened_viewing(session, scene, cure=BY_HAND if self._servers.by_hand else BY_BUTTON)
 
     def _shown(self, viewing: Viewing, volume: str) -> ShownVolume:

@@ -12,13 +12,16 @@ import pytest
 import volsplat as vs
 from support.programs.programs import Person
 from volsplat.client.command.render_options import SceneOptions
+from volsplat.client.command.server_options import Servers
+from volsplat.client.command.view_beginning import ViewBeginning
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Kernel, Quantise, Scene, Step
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.scene import FinestStep, Kernel, PaperStep, Quantise, Refine, Scene, Step
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import nearest
 
@@ -100,6 +103,20 @@ def test_fit_overrules_the_scene_s_zoom_and_centre(tmp_path: Path) -> None:
     assert whole.view.zoom == pytest.approx(0.98 * 64 / math.hypot(*dims))
     with pytest.raises(BadInput, match="leave out --zoom and --center, or --fit"):
         options(fit="all", zoom="3.0")
+
+
+@pytest.mark.parametrize("preset", [None, "ct-bone"])
+def test_the_page_is_lit_from_its_first_steps_unless_somebody_says_otherwise(
+    scan: SingleProcess, preset: str | None
+) -> None:
+    def refines(*put: str, window: str | None = None) -> Refine:
+        said = SceneOptions.of(NOTHING | {"preset": preset, "put": put, "window": window})
+        return ViewBeginning(Servers(1, 1), said, None, PlainConsole())._options.scene_of(scan.volume).refine
+
+    assert refines().lit_from is refines(window="0,2000").lit_from is PaperStep.C
+    assert refines("refine.lit_from=E").lit_from is PaperStep.E
+    said = refines("refine.finest=G", "refine.bare_buffer=true", "refine.striding=true")
+    assert said == Refine(lit_from=PaperStep.C, finest=FinestStep.G, bare_buffer=True, striding=True)
 
 
 def test_a_colour_map_colours_what_glows_and_what_is_lit() -> None:
