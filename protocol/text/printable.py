@@ -8,4 +8,4 @@ def printable(text: str) -> str:
 
 def one_line(text: str) -> str:
     """As `printable`, the lines joined: what a library says may be several."""
-    return printable(" ".join(text.splitlines()))
+    return printable(" ".join(text.split()))
