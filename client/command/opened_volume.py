@@ -121,9 +121,12 @@ def tell_how_to_join(session: Session, servers: Servers, console: PlainConsole) 
     """Print the commands that start servers by hand; with a token that nobody has said, it stands in them."""
     address = session.address
     secret = "" if servers.token is not None else f"{TOKEN_VARIABLE}={session.token.key.decode()} "
+    options = list(Encryption.of(servers.tls).options)
+    if servers.token_file is not None:
+        options += ["--token-file", quote(str(servers.token_file))]
     anywhere = ip_address(address.host).is_unspecified
     joined = quote(str(Address(socket.gethostname(), address.port) if anywhere else address))
     # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
     opened = "" if ip_address(address.host).is_loopback else f" --listen {quote(str(everywhere(address.host)))}"
     for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
-        console.say(" ".join((f"{secret}volsplat {command}", *Encryption.of(servers.tls).options)))
+        console.say(" ".join((f"{secret}volsplat {command}", *options)))

@@ -86,6 +86,7 @@ class Servers:
     listen: Address | None = None
     by_hand: bool = False  # people start them, and they join at `listen`
     token: Token | None = None
+    token_file: Path | None = None  # where it lies
     memory: int | None = None  # bytes of a prepared volume that each may hold
     silence: float = SILENCE_SECONDS  # after which one is lost
     tls: bool | None = None  # between machines

@@ -88,7 +88,7 @@ def need_token(environment: Mapping[str, str], token_file: Path | None = None) -
     """As find_token, but raises BadInput where there is none."""
     token = find_token(environment, token_file)
     if token is None:
-        raise BadInput(f"there is no session token; set {TOKEN_VARIABLE} or give --token-file, as the client shows")
+        raise BadInput(f"there is no session token; set {TOKEN_VARIABLE} or give --token-file: the client has it")
     return token
 
 
