@@ -36,7 +36,8 @@ PAPER_SPEED_UPS = (("4 Sun-3", "1 Sun-3"), ("4 Sun-4", "1 Sun-4"), ("TAAC-1", "1
 USUAL_WORKERS = "1,2,4"
 CAPTION = (
     "Seconds from asking for a step's image to having it, each image by itself and none added up; so are the paper's "
-    "(its E follows its D by less than any whole image takes). The paper's volume is a CT of 96 x 128 x 113 voxels. "
+    "(its E follows its D by less than its C, the same voxels without a kernel, takes). "
+    "The paper's volume is a CT of 96 x 128 x 113 voxels. "
     "n servers: n map/shade servers and a splat server. Medians, with half the width of their middle half."
 )
 
