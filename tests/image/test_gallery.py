@@ -18,7 +18,7 @@ from volsplat.client.gallery.drawing import Drawn, draw_gallery, gallery_folder,
 from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path, step_of
 from volsplat.client.image.image_file import read_properties, read_scene
 from volsplat.client.image.picture_sheet import PAPER
-from volsplat.client.phantoms import PHANTOMS, make_phantom
+from volsplat.client.phantoms import PHANTOMS, make_phantom, streamed_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
@@ -125,6 +125,8 @@ def test_an_image_shows_its_phantom_within_white_edges(
     assert (pixels.amax(dim=2) > 0.1).double().mean().item() > 0.03  # not the edges alone
     assert (pixels.amin(dim=2) > 0.5).any() and (pixels.amax(dim=2) - pixels.amin(dim=2) > 0.2).any()
     assert volume_name(path) == f"{image.data.phantom}.nrrd"
+    phantom, known = streamed_phantom(image.data.phantom), msgspec.json.decode(read_properties(path)["volume"])
+    assert known["kind"] == phantom.kind and len(known["bands"]) == len(phantom.bands)
     drawn, told = read_scene(path), sized(scene_of(image.name, measured=False), 96)
     for part in ("tables", "cross_bar", "view", "bounds", "image", "quantise", "reconstruction"):
         assert getattr(drawn, part) == getattr(told, part)
