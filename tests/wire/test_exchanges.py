@@ -26,7 +26,14 @@ from support.messages.coordinated import (
 from support.messages.message_samples import PART, SAMPLES
 from support.patience import wait_until
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import FailSession, Instruction, MessageReceived, Send, ServerLost
+from volsplat.client.coordinator.coordinator_events import (
+    FailSession,
+    Instruction,
+    MessageReceived,
+    Send,
+    ServerLost,
+    ServerProcessEnded,
+)
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.server_links import ServerIds
@@ -318,5 +325,7 @@ def test_a_failed_session_says_who_failed_it() -> None:
     coordinator = CheckedCoordinator()
     for event in [*joins(*JOINED), ASKED]:
         coordinator.handle(event)
-    failed = coordinator.handle(ServerLost(SPLAT, "splat server 1 broke the protocol: ImageRead came unasked"))
+    cause = "splat server 1 broke the protocol: ImageRead came unasked"
+    coordinator.handle(ServerLost(SPLAT, cause))
+    failed = coordinator.handle(ServerProcessEnded(f"{cause}; the splat server ends again and again"))
     assert isinstance(failed[-1], FailSession) and str(failed[-1].error).startswith("splat server 1 broke")
