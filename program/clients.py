@@ -10,7 +10,7 @@ from volsplat.program.departure import Departure
 from volsplat.program.server_process import ServerOptions
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
+from volsplat.protocol.text.errors import BadInput, NobodyListens, PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
@@ -61,16 +61,18 @@ class Clients:
                 encryption=options.encryption,
                 patience=patience,
                 allocate=self._allocate,
-                report=lambda line: log.log(
-                    logging.WARNING if patience >= LONG_PATIENCE else logging.INFO,
-                    "%s; trying again for %g s",
-                    line,
-                    patience,
-                ),
+                report=lambda error: self._tell_why_it_waits(error, patience),
             )
         self._found = True
         self._departure.attend(client)
         return client
+
+    def _tell_why_it_waits(self, error: PeerLost, patience: float) -> None:
+        level = logging.WARNING if patience >= LONG_PATIENCE else logging.INFO
+        if self._options.resident and isinstance(error, NobodyListens):  # so it is whenever nobody draws
+            log.log(level, "no client at %s yet; waiting for one, up to %g s", self._options.connect, patience)
+        else:
+            log.log(level, "%s; trying again for %g s", error, patience)
 
     def serve(self, one: Callable[[], bool]) -> None:
         """Serve one client after the other by `one`, which finds it by next(), and returns whether it comes again.

@@ -5,6 +5,7 @@ from importlib import import_module
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.protocol.text.meant import meant
 
 SUMMARIES = {
     "paper": "The paper's timing table beside this machine's.",
@@ -29,7 +30,7 @@ class Benchmarks(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         if name not in SUMMARIES:
-            return None
+            raise click.UsageError(f"there is no benchmark {name!r} ({meant(name, list(SUMMARIES))})", context)
         with interrupts_held():
             command: click.Command = getattr(import_module(f"volsplat.bench.commands.{name}_command"), name)
         return command

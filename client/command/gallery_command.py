@@ -34,8 +34,8 @@ from volsplat.protocol.description.scene import FinestStep, Step
 def gallery(out: Path, data: Path | None, size: int, step: str, **settings: Any) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 
-    Every image comes from a scene file in the package's folder gallery/scenes. With --data, volumes are taken from
-    that folder where it has them; volsplat makes all others itself.
+    Every image comes from a scene file: client/gallery/scenes in a checkout and in the installed package. With
+    --data, volumes are taken from that folder where it has them; volsplat makes all others itself.
     """
     servers = Servers.of(settings)
     console = SideConsole()

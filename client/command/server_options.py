@@ -27,7 +27,12 @@ FILE = click.Path(path_type=Path)
 # How many servers there are, and what those started here may use.
 server_options = headed(
     SERVERS,
-    click.option("--workers", type=COUNT, default=usual_servers(), help="Map/shade servers (cores, 4 at most)."),
+    click.option(
+        "--workers",
+        type=COUNT,
+        default=usual_servers(),
+        help="Map/shade servers, which share all cores (one a core, 4 at most).",
+    ),
     click.option("--splat-servers", type=COUNT, default=1, help="Splat servers, which share the image (1)."),
     click.option(
         "--threads",

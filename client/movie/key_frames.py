@@ -65,9 +65,8 @@ def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int, automatic
 def check_key_count(keys: int, frames: int) -> None:
     """Raise BadInput if so many frames cannot pass through so many keys."""
     if not 2 <= keys <= frames:
-        raise BadInput(
-            f"{frames} frames cannot pass through {keys} key scenes; give 2 keys or more, and as many frames"
-        )
+        scenes = "1 key scene" if keys == 1 else f"{keys} key scenes"
+        raise BadInput(f"{frames} frames cannot pass through {scenes}; give 2 keys or more, and as many frames")
 
 
 def _turned(scene: Scene, geometry: Geometry, axis: TurningAxis, turn: Fraction) -> Scene:

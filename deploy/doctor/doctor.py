@@ -66,7 +66,7 @@ class Doctor:
 
     def _ways_in(self) -> None:
         machines = list({machine.title: machine for machine in self._running.cluster.machines}.values())
-        self._doing(f"looking at the ways into {len(machines)} machines")
+        self._doing(f"looking at the ways into {len(machines)} machine{'s' if len(machines) > 1 else ''}")
         with ThreadPoolExecutor(MOST_AT_ONCE, "way in") as pool:
             for found in pool.map(way_in, machines):
                 for finding in found:

@@ -39,5 +39,9 @@ class PeerLost(VolsplatError):
     _render_traceback_ = under_callers_lines
 
 
+class NobodyListens(PeerLost):
+    """No program waits at the address that was dialled: it may not have been started yet."""
+
+
 class TurnedAway(PeerLost):
     """A server that was dialled rejects this client: it serves another, is not ready yet, or alone speaks TLS."""

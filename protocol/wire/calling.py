@@ -51,4 +51,4 @@ def call(
             raise
         return connection
 
-    return patiently(attempt, patience, report, given_up)
+    return patiently(attempt, patience, lambda error: report(str(error)), given_up)

@@ -10,7 +10,7 @@ import msgspec
 
 from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
+from volsplat.protocol.text.errors import BadInput, NobodyListens, PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
@@ -39,7 +39,7 @@ PASSING = {
 FULL = {errno.EMFILE, errno.ENFILE}  # of open files, sockets among them
 
 
-def _unheard(line: str) -> None:
+def _unheard(error: PeerLost) -> None:
     """Tells nobody."""
 
 
@@ -54,7 +54,7 @@ def connect(
     patience: float = PATIENCE_SECONDS,
     handshake_seconds: float = HANDSHAKE_SECONDS,
     allocate: Allocate = new_buffer,
-    report: Callable[[str], None] = _unheard,
+    report: Callable[[PeerLost], None] = _unheard,
     given_up: Callable[[], bool] = lambda: False,
 ) -> Connection:
     """An open connection to the `expected` role at `address`.
@@ -78,12 +78,12 @@ def connect(
 def patiently(
     attempt: Callable[[], Connection],
     patience: float,
-    report: Callable[[str], None] = _unheard,
+    report: Callable[[PeerLost], None] = _unheard,
     given_up: Callable[[], bool] = lambda: False,
 ) -> Connection:
     """What comes of the first attempt that meets no PeerLost; it is made again and again for `patience` seconds.
 
-    `report` gets each reason why it goes on, in one line, once.
+    `report` gets each reason why it goes on, once.
     """
     give_up_at = time.monotonic() + patience
     pause, told = FIRST_PAUSE_SECONDS, ""
@@ -97,7 +97,7 @@ def patiently(
                 raise PeerLost(f"{error} (tried for {patience:g} s)") from error
             if str(error) != told:
                 told = str(error)
-                report(told)
+                report(error)
         time.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE_SECONDS)
 
@@ -141,7 +141,8 @@ def dialled_socket(address: Address, place: str) -> socket.socket:
         raise PeerLost(f"cannot reach the {place}: no answer; check the address and the firewalls between") from error
     except OSError as error:
         if error.errno == errno.ECONNREFUSED:
-            raise PeerLost(f"cannot reach the {place}: nobody listens there; start it or check the port") from error
+            told = f"cannot reach the {place}: nobody listens there; start it or check the port"
+            raise NobodyListens(told) from error
         if error.errno in FULL:
             raise BadInput(
                 f"cannot reach the {place}: this machine lets a program open no more files; raise `ulimit -n`"

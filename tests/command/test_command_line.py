@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import socket
@@ -134,6 +135,8 @@ def test_a_phantom_is_told_by_the_help_and_one_that_is_not_there_with_what_was_m
     done = person.runs("phantom", "Haed", "-o", "x.nrrd")
     assert done.returncode == 2
     assert "Invalid value for 'NAME': there is no 'Haed' (did you mean head?)" in one_line(done)
+    asked = one_line(person.runs("phantom"))
+    assert "?" not in asked and all(name in asked for name in PHANTOMS)
 
 
 def one_line(done: "subprocess.CompletedProcess[str]") -> str:
@@ -208,6 +211,11 @@ def test_an_unknown_command_names_the_one_that_was_meant(person: Person, head: P
     ):
         done = person.runs(word, "head.nrrd")
         assert (done.returncode, cure in one_line(done)) == (2, True)
+
+
+def test_an_unknown_benchmark_names_the_one_that_was_meant(person: Person) -> None:
+    done = person.runs("bench", "papers")
+    assert (done.returncode, "did you mean paper?" in one_line(done)) == (2, True)
 
 
 def test_python_runs_the_command_where_its_script_is_in_no_folder_of_path(tmp_path: Path) -> None:
@@ -303,6 +311,19 @@ def test_servers_started_by_hand_join_in_any_order(person: Person, head: Path, o
     assert (person.folder / "hand.png").read_bytes() == draws(person, head, "single.png", "--single")
 
 
+def test_the_commands_that_a_client_prints_join_by_its_token_file(person: Person, head: Path) -> None:
+    options = ["--listen", "127.0.0.1:0", "--workers", "1", "--token-file", "its secret"]
+    client = person.starts("render", str(head), "-o", "hand.png", *SIZE, *options)
+    assert client.stderr is not None
+    said = (line for line in client.stderr if line.startswith("volsplat "))
+    printed = [shlex.split(next(said)) for _ in ("splat server", "map/shade server")]
+    stranger = Person(person.folder)  # whose environment has another token
+    servers = [stranger.starts(*words) for _, *words in printed]
+    for process in (client, *servers):
+        _, told = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, told
+
+
 def listens(address: str) -> bool:
     port = int(address.rpartition(":")[2])
     listening = (one.laddr for one in psutil.net_connections("tcp") if one.status == psutil.CONN_LISTEN)
@@ -325,6 +346,12 @@ def test_a_server_with_another_token_gets_one_line_and_disturbs_nobody(person: P
 def test_a_server_without_a_client_ends_with_one_line(person: Person) -> None:
     done = person.runs("splat-server", "--connect", f"127.0.0.1:{free_port()}", "--patience", "0.2")
     assert done.returncode == 1 and "nobody listens" in one_line(done)
+
+
+def test_a_resident_server_waits_for_clients_in_words_that_tell_of_no_trouble(person: Person) -> None:
+    address = f"127.0.0.1:{free_port()}"
+    done = person.runs("splat-server", "--connect", address, "--resident", "--keep", "2")
+    assert done.stderr.splitlines()[0].endswith(f"no client at {address} yet; waiting for one, up to 2 s")
 
 
 @pytest.mark.parametrize("after", [0.0, 0.3, 0.6, 1.0, 1.4, 1.8, 2.4])

@@ -299,7 +299,8 @@ def test_the_depth_cue_and_silhouettes_come_little_by_little() -> None:
 
 @pytest.mark.parametrize(("keys", "frames"), [(0, 5), (1, 5), (3, 2)])
 def test_too_few_keys_or_frames_are_refused(keys: int, frames: int) -> None:
-    with pytest.raises(BadInput, match=f"{frames} frames cannot pass through {keys} key scenes"):
+    scenes = f"{keys} key scene{'' if keys == 1 else 's'};"
+    with pytest.raises(BadInput, match=f"{frames} frames cannot pass through {scenes}"):
         key_framed([plain_scene()] * keys, GRID, frames)
 
 

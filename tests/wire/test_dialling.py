@@ -10,7 +10,7 @@ import pytest
 
 from support.patience import PATIENCE
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.handshake import new_hello
@@ -20,7 +20,11 @@ from volsplat.protocol.wire.tokens import new_token
 
 def dialled(listener: Listener, token: Any, said: list[str]) -> Connection:
     hello = new_hello(Role.SPLAT_SERVER, data_port=1)
-    return connect(listener.address, hello, token, Role.CLIENT, patience=PATIENCE, report=said.append)
+
+    def report(error: PeerLost) -> None:
+        said.append(str(error))
+
+    return connect(listener.address, hello, token, Role.CLIENT, patience=PATIENCE, report=report)
 
 
 @pytest.mark.parametrize(
