@@ -119,7 +119,7 @@ PRESETS = Presets(
             (Kind.CT,),
         ),
         "ct-lung": Preset(
-            "the lungs of a CT: a cloud from -950 to -500 HU, with the vessels in it",
+            "the lungs of a CT: a cloud, and in it the walls of its vessels, from -950 to -150 HU",
             "radiology: aerated lung lies between -950 and -500 HU",
             ct_lung_scene,
             (Kind.CT,),
