@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from weakref import ref
 
 from nicegui import events, ui
 
@@ -17,17 +18,20 @@ class SceneUpload(ui.upload):
 
     def __init__(self, viewing: Viewing) -> None:
         super().__init__(on_upload=self._show, on_rejected=_refuse, auto_upload=True, max_file_size=LARGEST_UPLOAD)
-        self._viewing = viewing
+        self._viewing = ref(viewing)  # FastAPI keeps the routes of uploads, and so this element, when its page is gone
         self.props(f"accept={','.join(SCENE_FILES)}").style("display: none")
 
     def pick(self) -> None:
         self.run_method("pickFiles")
 
     async def _show(self, event: events.UploadEventArguments) -> None:
+        viewing = self._viewing()
+        if viewing is None:
+            return
         self.reset()
         data, name = await event.file.read(), event.file.name
         try:
-            self._viewing.show_scene(await asyncio.to_thread(scene_in_file, data, self._viewing.model.scene, name))
+            viewing.show_scene(await asyncio.to_thread(scene_in_file, data, viewing.model.scene, name))
         except VolsplatError as error:
             tell_trouble(str(error))
 
