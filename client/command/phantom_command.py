@@ -14,15 +14,7 @@ from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
-from volsplat.client.phantoms.volume_writer import (
-    NRRD,
-    check_volume_writable,
-    check_voxels_apart,
-    extension_of,
-    write_nrrd,
-    write_volume,
-)
-from volsplat.protocol.description.kind import stated
+from volsplat.client.phantoms.volume_writer import check_volume_writable, check_voxels_apart, write_phantom
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import BadInput
 
@@ -57,11 +49,7 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
     console = SideConsole()
     with shown_progress(nk, console) as (tell, done):
         tell("making sheets")
-        made = made._replace(sheets=_counted(made.sheets, done))
-        if extension_of(output) == NRRD:
-            write_nrrd(output, made.sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
-        else:
-            write_volume(output, *made.whole())
+        write_phantom(output, made._replace(sheets=_counted(made.sheets, done)))
     console.say(f"{output}: {name}, {ni} x {nj} x {nk} voxels")
 
 

@@ -18,10 +18,9 @@ from volsplat.client.image.image_properties import image_properties
 from volsplat.client.image.phase_wheel import phase_legend, wheel_colours
 from volsplat.client.image.picture_sheet import SheetPicture, picture_sheet
 from volsplat.client.phantoms import streamed_phantom
-from volsplat.client.phantoms.volume_writer import write_nrrd
+from volsplat.client.phantoms.volume_writer import write_phantom
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
-from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.scene import Colour, Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.refinement import PAPER_STEPS
@@ -154,8 +153,7 @@ def _volume(data_set: DataSet, data: Path | None, say: Callable[[str], None]) ->
     say(f"making the phantom {data_set.phantom}")
     with temporary_folder() as place:
         volume = place / f"{data_set.phantom}.nrrd"
-        made = streamed_phantom(data_set.phantom)
-        write_nrrd(volume, made.sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
+        write_phantom(volume, streamed_phantom(data_set.phantom))
         yield str(volume)
 
 

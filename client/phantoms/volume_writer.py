@@ -14,6 +14,8 @@ import torch
 
 from volsplat.client.files.temporary_name import take_mode, temporary_name
 from volsplat.client.files.whole_file import is_stream
+from volsplat.client.phantoms.centred_grid import Phantom
+from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -110,6 +112,15 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
         missing = not COMPRESSED[extension] and written_bytes < values.nbytes
         if missing or extension == NIFTI_GZ and not _ends_as_gzip_of(folder / path.name, NIFTI_HEADER + values.nbytes):
             raise BadInput(f"{path}: could not be written whole: {_system_reason(folder) or 'the disk may be full'}")
+
+
+def write_phantom(path: Path, phantom: Phantom) -> None:
+    """As `write_volume`; NRRD some sheets at a time, with what the values are, which no other format states."""
+    if extension_of(path) == NRRD:
+        pairs = stated(phantom.kind, phantom.bands)
+        write_nrrd(path, phantom.sheets, phantom.dtype, phantom.geometry, pairs)
+    else:
+        write_volume(path, *phantom.whole())
 
 
 def write_nrrd(

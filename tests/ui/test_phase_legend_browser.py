@@ -13,8 +13,7 @@ from PIL import Image
 from support.pages.browser import browser, browser_page
 from support.pages.viewed import Viewed, viewed
 from volsplat.client.phantoms import streamed_phantom
-from volsplat.client.phantoms.volume_writer import write_nrrd
-from volsplat.protocol.description.kind import stated
+from volsplat.client.phantoms.volume_writer import write_phantom
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -25,8 +24,7 @@ __all__ = ["browser", "browser_page"]
 @pytest.fixture(scope="module")
 def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewed]:
     path: Path = tmp_path_factory.mktemp("volume") / "factors.nrrd"
-    made = streamed_phantom("structure-factors", (16, 16, 16))
-    write_nrrd(path, made.sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
+    write_phantom(path, streamed_phantom("structure-factors", (16, 16, 16)))
     with viewed(path.parent, path, "--workers", "1") as running:
         yield running
 

@@ -8,7 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from volsplat.protocol.description.kind import stated
 from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:
@@ -53,11 +52,10 @@ class PhantomFiles:
         path = self._folder / f"{name}.nrrd"
         if not path.exists():
             from volsplat.client.phantoms import streamed_phantom  # takes torch
-            from volsplat.client.phantoms.volume_writer import write_nrrd
+            from volsplat.client.phantoms.volume_writer import write_phantom
 
             made = streamed_phantom(name)
-            sheets = _until(given_up, made.sheets)
-            write_nrrd(path, sheets, made.dtype, made.geometry, stated(made.kind, made.bands))
+            write_phantom(path, made._replace(sheets=_until(given_up, made.sheets)))
         return str(path)
 
 
