@@ -12,12 +12,13 @@ from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, vo
 from volsplat.client.command.opened_volume import tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.command.server_options import own_memory_option
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.single import SingleProcess
-from volsplat.program.server_process import THREADS, bytes_option
+from volsplat.program.server_process import THREADS
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume_name import check_is_there
 
@@ -51,15 +52,7 @@ PROGRESS_STEPS = 100
 )
 @scene_options
 @headed(SERVERS, click.option("--threads", type=THREADS, default=usable_cores(), help="Threads (cores)."))
-@headed(
-    SERVERS,
-    click.option(
-        "--memory",
-        metavar="SIZE",
-        callback=bytes_option,
-        help="What this may hold of a prepared volume, as 2G (half of what is left).",
-    ),
-)
+@own_memory_option
 def export(
     volume: str,
     output: Path,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
 import click
 
-from volsplat.client.command.help_page import FILES, SERVERS, headed
+from volsplat.client.command.help_page import FILES, SERVERS, Command, headed
 from volsplat.client.command.render_outputs import check_file_writable
 from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.server_process import THREADS, address_option, bytes_option, silence_option, tls_option
@@ -48,15 +48,15 @@ server_options = headed(
         help="Use the servers of this cluster file instead; brought up for this if they are not.",
     ),
 )
-memory_option = headed(
-    SERVERS,
-    click.option(
-        "--memory",
-        metavar="SIZE",
-        callback=bytes_option,
-        help="What each server may hold of a prepared volume, as 2G (half of what is left).",
-    ),
-)
+
+
+def _memory_option(holder: str) -> Callable[[Command], Command]:
+    told = f"What {holder} may hold of a prepared volume, as 2G (half of what is left)."
+    return headed(SERVERS, click.option("--memory", metavar="SIZE", callback=bytes_option, help=told))
+
+
+memory_option = _memory_option("each server")
+own_memory_option = _memory_option("this")
 single_option = headed(
     SERVERS, click.option("--single", is_flag=True, help="One process, no servers: the same pictures.")
 )
@@ -120,7 +120,7 @@ class Servers:
             _refuse_given(_OF_SERVERS | {"listen": "--listen"}, "--single starts no servers")
         if servers.by_hand:
             _refuse_given({"threads": "--threads"}, "--listen starts no servers, and each is told its own threads")
-        return replace(servers, token=_shared_token(given.get("token_file"), makes=servers.listen is not None))
+        return replace(servers, token=_shared_token(servers.token_file, makes=servers.listen is not None))
 
     @property
     def here(self) -> bool:
