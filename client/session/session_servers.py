@@ -93,8 +93,9 @@ class JoiningServers:
     silence: float
     encryption: Encryption
     started: StartedHere | None  # None: people start them
-    memory: None = None
-    replaced: bool = False
+
+    memory = None
+    replaced = False
 
     @property
     def here(self) -> bool:
