@@ -57,14 +57,13 @@ def _check_count(path: Path, header: LegacyHeader, array: LegacyArray) -> None:
 
 
 def _reader(path: Path, header: LegacyHeader, array: LegacyArray) -> Callable[[Index], ReadBox]:
-    dtype = np.dtype(array.scalar_type).newbyteorder(">")
+    shares = array.stated_type == COLOUR_TEXT
+    dtype = np.dtype("f4" if shares else array.scalar_type).newbyteorder(">")
 
     def reader(dims: Index) -> ReadBox:
-        if array.stated_type == COLOUR_TEXT:
-            shares = text_voxels(VtkArray(path, dims, np.dtype(">f4"), np.dtype("u4"), array.start), array.end)
-            return lambda box: np.rint(255 * shares(box)).clip(0, 255).astype(np.uint8)
         if not header.binary:
-            return text_voxels(VtkArray(path, dims, dtype, np.dtype("u4"), array.start), array.end)
+            read = text_voxels(VtkArray(path, dims, dtype, np.dtype("u4"), array.start), array.end)
+            return (lambda box: np.rint(255 * read(box)).clip(0, 255).astype(np.uint8)) if shares else read
         voxels = StoredVoxels(path, dims, dtype, (Piece(path, dims[2], array.start),))
         voxels.check_files()
         return voxels.read
