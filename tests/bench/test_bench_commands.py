@@ -262,7 +262,7 @@ def test_two_records_are_compared(person: Person) -> None:
         (("aborts", "--phantom", "shells:0"), "NAME:SIZE"),
         (("compare", "a.json", "b.json"), "cannot read"),
         (("compare", "a.json"), "two records or more"),
-        (("nothing",), "No such command"),
+        (("nothing",), "there is no benchmark"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
 )

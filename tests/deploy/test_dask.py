@@ -130,7 +130,7 @@ def test_the_token_is_in_no_log_and_on_no_command_line(engine: DaskCluster, pers
     def logged() -> str:
         return person.runs("deploy", "logs", str(cluster)).stdout
 
-    wait_until(lambda: "cannot reach the client" in logged(), "tried to reach the client")
+    wait_until(lambda: "no client at" in logged(), "told that no client is there")
     assert token not in logged() + engine.said
 
 
