@@ -153,6 +153,7 @@ def test_batches_of_a_later_frame_wait_for_it_and_those_of_an_older_one_go(subje
         assert older is not None
         through.ways[0].begin(1, older.kernel, 0, 1)
         assert through.ways[0].send(0.0)
+        wait_until(through.taker.take_news, "news of the first frame")
         sending = sent(through, subject.walk, 2, 0, 1, 100)
         through.taker.begin(1, None, 0, 0, False)
         wait_until(through.taker.take_news, "news of the later frame")
