@@ -41,7 +41,7 @@ AXIAL_TOLERANCE = 1e-4  # likewise
 Z_TOLERANCE = 0.01  # mm; of numbers that are written with few decimals
 
 # What tells frames at one place apart: the word by which a person chooses, and where the value is found, first to
-# last: in a functional group, or in the file as a whole.
+# last: in a functional group, or one within it, or in the file as a whole.
 APART = {
     "stack": (("FrameContentSequence", "StackID"),),
     "echo": (("", "EchoNumbers"),),
@@ -58,7 +58,16 @@ APART = {
         ("", "ImageType"),
     ),
     "acquisition": (("FrameContentSequence", "FrameAcquisitionNumber"), ("", "AcquisitionNumber")),
+    "inversion": (("MRModifierSequence", "InversionTimes"), ("", "InversionTime")),
+    "flip": (("MRTimingAndRelatedParametersSequence", "FlipAngle"), ("", "FlipAngle")),
+    "gradient": (
+        ("MRDiffusionSequence/DiffusionGradientDirectionSequence", "DiffusionGradientOrientation"),
+        ("", "DiffusionGradientOrientation"),
+    ),
+    "acquired": (("FrameContentSequence", "FrameAcquisitionDateTime"), ("", "AcquisitionTime")),
+    "content": (("", "ContentTime"),),
 }
+CLOCKS = ("acquired", "content")  # which also tell the slices of one volume apart, on many scanners
 
 
 @dataclass(frozen=True)
@@ -231,10 +240,9 @@ def _frame(path: Path, head: Any, pixels: Pixels, number: int) -> Frame:
 
     def value(group: str, name: str) -> Any:
         """The frame's own value, else that which frames share, else that of the file."""
-        for item in items:
-            if group and group in item and len(item[group].value) and name in item[group][0]:
-                return item[group][0].get(name)
-        return head.get(name)
+        inner = (_inside(item, group) for item in items if group)
+        found = next((one for one in inner if one is not None and name in one), head)
+        return found.get(name)
 
     spacing, place = _spacing(value), _place(path, value, head, number)
     if place is not None and not any(spacing):
@@ -249,6 +257,15 @@ def _frame(path: Path, head: Any, pixels: Pixels, number: int) -> Frame:
         rescale=rescale_of(path, value, head),
         apart={key: found for key, sources in APART.items() if (found := _first(value, sources))},
     )
+
+
+def _inside(item: Any, group: str) -> Any:
+    """The data set that lies in an item under the names of sequences, None if there is none."""
+    for name in group.split("/"):
+        if name not in item or not len(item[name].value):
+            return None
+        item = item[name][0]
+    return item
 
 
 def _first(value: Callable[[str, str], Any], sources: Sequence[tuple[str, str]]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.medicine.dicom_file import APART, DicomFile, Frame, Place
+from volsplat.mapshade_server.readers.medicine.dicom_file import APART, CLOCKS, DicomFile, Frame, Place
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, Geometry
@@ -90,12 +90,17 @@ def apart(source: Path, frames: Sequence[Frame]) -> Groups:
 
 
 def _split(name: Name, group: list[Frame], key: str) -> Groups:
-    """The group by the values of `key`, if frames at one place differ in it, else as it is."""
+    """The group by the values of `key`, if frames at one place differ in it, else as it is.
+
+    By the clock only into parts that have a frame at each place.
+    """
     parts: dict[str, list[Frame]] = {}
     different = _different_words([frame.apart.get(key, ()) for frame in group])
     for frame, words in zip(group, different, strict=True):
         parts.setdefault("/".join(words) or "none", []).append(frame)
     if len(parts) == 1 or sum(_collisions(part) for part in parts.values()) == _collisions(group):
+        return {name: group}
+    if key in CLOCKS and any(_places(part) != _places(group) for part in parts.values()):
         return {name: group}
     return {(*name, (key, value)): part for value, part in parts.items()}
 
@@ -110,8 +115,11 @@ def _different_words(values: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]
 
 def _collisions(frames: Sequence[Frame]) -> int:
     """How many frames lie where another one does."""
-    places = {_rounded(frame.place) for frame in frames if frame.place is not None}
-    return sum(frame.place is not None for frame in frames) - len(places)
+    return sum(frame.place is not None for frame in frames) - len(_places(frames))
+
+
+def _places(frames: Sequence[Frame]) -> set[tuple[float, ...]]:
+    return {_rounded(frame.place) for frame in frames if frame.place is not None}
 
 
 def _rounded(place: Place) -> tuple[float, ...]:

@@ -299,6 +299,36 @@ def test_magnitude_and_phase_are_told_apart_by_the_type_of_image(tmp_path: Path)
     np.testing.assert_array_equal(read_whole(f"{tmp_path}#type=P"), VALUES[:3] + 500)
 
 
+PHASES: dict[str, tuple[str, Sequence[Any]]] = {
+    "flip": ("FlipAngle", (5, 15)),
+    "inversion": ("InversionTime", (50, 400)),
+    "gradient": ("DiffusionGradientOrientation", ([1.0, 0.0, 0.0], [0.0, 0.6, 0.8])),
+    "acquired": ("AcquisitionTime", ("120001", "120002.5")),
+    "content": ("ContentTime", ("120001", "120002.5")),
+}
+
+
+@pytest.mark.parametrize("key", PHASES)
+def test_phases_that_one_tag_sets_apart_are_told_apart(key: str, tmp_path: Path) -> None:
+    tag, values = PHASES[key]
+    for phase, value in enumerate(values):
+        for n in range(3):
+            slice_file(tmp_path / f"{n}{phase}", VALUES[n] + 100 * phase, (0, 0, 3 * n), kind=MR, **{tag: value})
+    assert f"2 by {key} (" in refused(tmp_path)
+    for phase, value in enumerate(values):
+        words = "/".join(f"{x:g}" for x in value) if isinstance(value, list) else value
+        np.testing.assert_array_equal(read_whole(f"{tmp_path}#{key}={words}"), VALUES[:3] + 100 * phase)
+
+
+@pytest.mark.parametrize("tag", ["AcquisitionTime", "ContentTime"])
+def test_a_time_of_each_slice_sets_no_volumes_apart(tag: str, tmp_path: Path) -> None:
+    for n in range(4):
+        slice_file(tmp_path / f"s{n}", VALUES[n], (0, 0, 3 * n), kind=MR, **{tag: f"12000{n}"})
+    np.testing.assert_array_equal(read_whole(tmp_path), VALUES[:4])
+    slice_file(tmp_path / "s4", VALUES[3], (0, 0, 9), kind=MR, **{tag: "120004"})
+    assert "slices s3 and s4 lie at one position and nothing tells them apart" in refused(tmp_path)
+
+
 # Multi-frame files
 
 
@@ -345,6 +375,19 @@ def test_echoes_and_times_of_a_multi_frame_file_are_told_apart(tmp_path: Path) -
     np.testing.assert_array_equal(read_whole(f"{path}#te=10,time=2"), VALUES[:3] + 210)
     with pytest.raises(BadInput, match="none called “T9”"):
         open_volume(f"{path}#T9,te=10,time=2")
+
+
+def test_directions_of_diffusion_of_a_multi_frame_file_are_told_apart(tmp_path: Path) -> None:
+    directions = (None, [1.0, 0.0, 0.0], [0.0, 0.6, 0.8])
+    groups = []
+    for direction in directions:
+        inner = macro("DiffusionGradientDirectionSequence", DiffusionGradientOrientation=direction) if direction else {}
+        groups += [macro("MRDiffusionSequence", DiffusionBValue=1000.0 if direction else 0.0, **inner)] * 3
+    values = numbered(9)
+    path = enhanced(tmp_path / "e.dcm", values, places([0, 1, 2] * 3), groups)
+    assert "2 by b (b=0, b=1000) and 2 by gradient (gradient=1/0/0, gradient=0/0.6/0.8)" in refused(path)
+    np.testing.assert_array_equal(read_whole(f"{path}#b=0"), values[:3])
+    np.testing.assert_array_equal(read_whole(f"{path}#gradient=0/0.6/0.8"), values[6:])
 
 
 def test_stacks_that_are_turned_are_told_apart(tmp_path: Path) -> None:
