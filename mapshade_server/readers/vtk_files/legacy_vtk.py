@@ -21,7 +21,7 @@ from volsplat.mapshade_server.readers.vtk_files.legacy_vtk_header import (
     legacy_header,
 )
 from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import VtkArray, text_voxels
-from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, parts_of_arrays
+from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, ghosts_of, parts_of_arrays
 from volsplat.mapshade_server.readers.vtk_files.vtk_grid import GridArray, opened_grid
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.text.errors import BadInput
@@ -43,7 +43,11 @@ def open_legacy_vtk(path: Path, part: str) -> OpenedVolume:
     why_whole = "" if header.binary else "the voxels are written as text"
     read = _reader(path, header, array)
     parts = parts_of_arrays(part, header.arrays)
-    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts)
+    hiding = None
+    if (ghosts := ghosts_of(array, header.arrays)) is not None:
+        _check_count(path, header, ghosts)
+        hiding = _reader(path, header, ghosts)
+    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts, hiding)
     if header.kind == "RECTILINEAR_GRID":
         return opened_grid(path, drawn, [_places(path, header, one) for one in header.coordinates])
     return opened_grid(path, drawn, checked_geometry(path, header.planes, header.spacing, header.origin))

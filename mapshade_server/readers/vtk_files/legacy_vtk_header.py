@@ -38,6 +38,7 @@ SCALAR_TYPES = {
     "float": "float32",
     "double": "float64",
 }
+TEXT_TYPES = ("string", "utf8_string")
 # Arrays of so many components, named by the words before their type.
 COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 
@@ -188,14 +189,18 @@ class _Parsing:
             pass
 
     def _add(self, name: str, stated_type: str, components: int, count: int) -> None:
-        self._header.arrays.append(self._passed(unquote(name), stated_type, components, count))
+        array = self._passed(unquote(name), stated_type, components, count)
+        if stated_type.lower() not in TEXT_TYPES:
+            self._header.arrays.append(array)
 
     def _passed(self, name: str, stated_type: str, components: int, count: int) -> LegacyArray:
         """The array that begins here; its numbers are passed over. Raises BadInput if they are not all there."""
         start, numbers = self._file.tell(), components * count
         if numbers < 0 or numbers > 8 * self._size:
             raise self._damaged(f"{name} states {count} values of {components} numbers")
-        if self._header.binary:
+        if stated_type.lower() in TEXT_TYPES:
+            self._pass_strings(name, numbers)
+        elif self._header.binary:
             self._file.seek(self._bytes(name, stated_type, numbers), os.SEEK_CUR)
         else:
             self._pass_text(name, numbers)
@@ -211,6 +216,18 @@ class _Parsing:
         if kind not in SCALAR_TYPES:
             raise BadInput(f"{self._path}: {name} is of type {stated_type}, of unknown length; save it without that")
         return numbers * np.dtype(SCALAR_TYPES[kind]).itemsize
+
+    def _pass_strings(self, name: str, strings: int) -> None:
+        """Goes on behind so many strings: each a line, or its length and its bytes."""
+        for n in range(strings):
+            head = self._file.read(1) if self._header.binary else self._file.readline()
+            if not head:
+                raise self._damaged(f"{name} states {strings} strings, but {n} follow")
+            if self._header.binary:
+                # The length is big endian; its first two bits tell of how many bytes it is.
+                more = (8, 4, 2, 1)[head[0] >> 6] - 1
+                length = int.from_bytes(bytes([head[0] & 0x3F]) + self._file.read(more))
+                self._file.seek(min(length, self._size), os.SEEK_CUR)
 
     def _pass_text(self, name: str, numbers: int) -> None:
         """Goes on behind so many words, which end with a line."""

@@ -9,6 +9,7 @@ from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.protocol.text.errors import BadInput
 
 ASSOCIATIONS = ("PointData", "CellData")  # as VTK calls what arrays belong to
+GHOSTS = "vtkGhostType"  # of each point or cell, whether it is hidden, and what else it is
 
 
 @dataclass
@@ -23,6 +24,11 @@ class NamedArray:
     def association(self) -> str:
         return ASSOCIATIONS[self.of_cells]
 
+    @property
+    def scalar_type(self) -> str:
+        """The type of its numbers, "" if it is not read."""
+        raise NotImplementedError
+
 
 AnyArray = TypeVar("AnyArray", bound=NamedArray)
 
@@ -32,6 +38,7 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
 
     `active` has the names of the scalars that VTK would take, by association. Raises BadInput if one must be named.
     """
+    arrays = _without_ghosts(arrays)
     if part:
         return _named(path, part, arrays)
     scalars = [one for one in arrays if one.components == 1]
@@ -52,8 +59,18 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
 
 def parts_of_arrays(part: str, arrays: Sequence[NamedArray]) -> list[Part]:
     """What could be named in place of what is taken if nobody names an array; none where one is named or alone."""
-    scalars = [one for one in arrays if one.components == 1]
+    scalars = [one for one in _without_ghosts(arrays) if one.components == 1]
     return _told(scalars) if not part and len(scalars) > 1 else []
+
+
+def ghosts_of(array: NamedArray, arrays: Sequence[AnyArray]) -> AnyArray | None:
+    """What tells which of the points or cells of an array are hidden, None if nothing does."""
+    found = (one for one in arrays if one.name == GHOSTS and one.association == array.association)
+    return next((one for one in found if one.components == 1 and one.scalar_type == "uint8"), None)
+
+
+def _without_ghosts(arrays: Sequence[AnyArray]) -> list[AnyArray]:
+    return [one for one in arrays if one.name != GHOSTS]
 
 
 def _told(arrays: Sequence[NamedArray]) -> list[Part]:

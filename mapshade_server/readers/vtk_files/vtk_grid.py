@@ -1,7 +1,8 @@
 """What both kinds of VTK's files make of their grids: images, and rectilinear grids, whose planes may be uneven.
 
 If the places of the planes are even within rounding the voxels are taken as they are. Else they are interpolated
-between the two planes on either side, along each axis, and a warning says so.
+between the two planes on either side, along each axis, and a warning says so. Points and cells that the file hides are
+no data.
 """
 
 import math
@@ -21,13 +22,17 @@ from volsplat.protocol.text.errors import BadInput
 
 EVEN = 1e-3  # of a step: rounding of the number of planes
 MOST_GROWTH = 4  # of the planes along an axis
+HIDDEN_POINT, HIDDEN_CELL = 2, 32  # bits of VTK's vtkDataSetAttributes
 
 Places = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class GridArray:
-    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many values along i, j, k."""
+    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many values along i, j, k.
+
+    So does `ghosts` for what tells which of them are hidden, None if none are.
+    """
 
     name: str
     scalar_type: str
@@ -35,6 +40,26 @@ class GridArray:
     reader: Callable[[Index], ReadBox]
     why_whole: str
     parts: Sequence[Part]
+    ghosts: Callable[[Index], ReadBox] | None = None
+
+    @property
+    def drawn_type(self) -> str:
+        """The type of what is drawn, which can hold that there is nothing."""
+        return self.scalar_type if self.ghosts is None else np.result_type(self.scalar_type, np.float32).name
+
+    def shown(self, dims: Index) -> ReadBox:
+        """What reads the values, NaN where they are hidden."""
+        read = self.reader(dims)
+        if self.ghosts is None:
+            return read
+        ghosts, hidden = self.ghosts(dims), HIDDEN_CELL if self.of_cells else HIDDEN_POINT
+
+        def shown(box: Box) -> Voxels:
+            voxels: Voxels = read(box).astype(self.drawn_type)
+            voxels[ghosts(box) & hidden != 0] = np.nan
+            return voxels
+
+        return shown
 
 
 def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArray[Any]]) -> OpenedVolume:
@@ -42,11 +67,11 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
     warnings: tuple[str, ...] = ()
     if isinstance(points, Geometry):
         kind, geometry = "image", grid_of_cells(path, points) if array.of_cells else points
-        read = array.reader(geometry.dims)
+        read = array.shown(geometry.dims)
     else:
         kind, places = "rectilinear grid", [_middles(one) for one in points] if array.of_cells else points
         i, j, k = (even_axis(path, name, one) for name, one in zip("xyz", places, strict=True))
-        read = EvenGrid((i, j, k), array.reader((len(places[0]), len(places[1]), len(places[2])))).read
+        read = EvenGrid((i, j, k), array.shown((len(places[0]), len(places[1]), len(places[2])))).read
         geometry = checked_geometry(
             path, (i.planes, j.planes, k.planes), (i.step, j.step, k.step), (i.first, j.first, k.first)
         )
@@ -55,7 +80,7 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
         name=path.name,
         format=f"VTK {kind}{', values of cells' if array.of_cells else ''}",
         geometry=geometry,
-        scalar_type=array.scalar_type,
+        scalar_type=array.drawn_type,
         density_name=array.name or "density",
         warnings=warnings,
         reads_sub_cubes=not array.why_whole,

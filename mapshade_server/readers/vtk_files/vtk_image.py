@@ -16,18 +16,13 @@ from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import (
     stored_voxels,
     text_voxels,
 )
-from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, parts_of_arrays
+from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array, ghosts_of, parts_of_arrays
 from volsplat.mapshade_server.readers.vtk_files.vtk_grid import GridArray, opened_grid
 from volsplat.mapshade_server.readers.vtk_files.vtk_xml import Attributes, VtkElement, VtkXml, vtk_xml
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Matrix, applied, plus
 from volsplat.protocol.text.errors import BadInput
 
-SCALAR_TYPES = {
-    **{f"{sign}Int{bits}": f"{sign.lower()}int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)},
-    "Float32": "float32",
-    "Float64": "float64",
-}
 LENGTH_TYPES = {"UInt32": "u4", "UInt64": "u8"}
 BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"LittleEndian": "<", "BigEndian": ">"}
 
@@ -40,6 +35,7 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
     """The reader for a .vti or .vtr. Raises BadInput if it has no array of scalars or one must be named."""
     xml = vtk_xml(path)
     element = chosen_array(path, part, xml.arrays, xml.active)
+    ghosts = ghosts_of(element, xml.arrays)
     drawn = GridArray(
         name=element.name,
         scalar_type=_scalar_type(path, element),
@@ -47,6 +43,7 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
         reader=lambda dims: _voxels(path, xml, element, dims),
         why_whole=_why_whole(xml, element),
         parts=parts_of_arrays(part, xml.arrays),
+        ghosts=(lambda dims: _voxels(path, xml, ghosts, dims)) if ghosts is not None else None,
     )
     if xml.file.get("type") != "RectilinearGrid":
         return opened_grid(path, drawn, _geometry(path, xml))
@@ -75,10 +72,9 @@ def _places(path: Path, xml: VtkXml, element: VtkElement, count: int) -> NDArray
 
 
 def _scalar_type(path: Path, element: VtkElement) -> str:
-    scalar_type = SCALAR_TYPES.get(element.attributes.get("type", ""))
-    if scalar_type is None:
+    if not element.scalar_type:
         raise _wrong(path, element.attributes, "type", "is no type of number that volsplat reads")
-    return scalar_type
+    return element.scalar_type
 
 
 def _wrong(path: Path, attributes: Attributes, name: str, why: str) -> BadInput:

@@ -17,6 +17,11 @@ from volsplat.protocol.text.errors import BadInput
 GRIDS = ("ImageData", "RectilinearGrid")
 ARRAYS_IN = ("PointData", "CellData", "Coordinates")
 PARSED_CHUNK = 1 << 16
+SCALAR_TYPES = {
+    **{f"{sign}Int{bits}": f"{sign.lower()}int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)},
+    "Float32": "float32",
+    "Float64": "float64",
+}
 LONGEST_TAG = 4096  # of the element of appended data
 
 Attributes = dict[str, str]
@@ -29,6 +34,10 @@ class VtkElement(NamedArray):
     attributes: Attributes
     start: int = -1
     end: int = -1
+
+    @property
+    def scalar_type(self) -> str:
+        return SCALAR_TYPES.get(self.attributes.get("type", ""), "")
 
 
 @dataclass
@@ -96,7 +105,8 @@ class _Parsing:
             stated = attributes.get("NumberOfComponents", "1")
             components = int(stated) if stated.isdecimal() else 0
             self._array = VtkElement(attributes.get("Name", ""), components, inside == "CellData", attributes)
-            (self.xml.coordinates if inside == "Coordinates" else self.xml.arrays).append(self._array)
+            if name == "DataArray":  # the others hold text
+                (self.xml.coordinates if inside == "Coordinates" else self.xml.arrays).append(self._array)
         elif inside == "VTKFile":
             self.xml.grid = attributes
         self._inside.append(name)

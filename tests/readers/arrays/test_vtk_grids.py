@@ -12,7 +12,7 @@ import SimpleITK as sitk
 
 import tolerances
 from support.files.counted_bytes import bytes_read
-from support.files.opened import described, read_whole
+from support.files.opened import described, read_whole, refused
 from support.files.refusals import assert_refused_in_one_line
 from support.files.volume_files import ALL_TYPES, DIMS, values_of
 from volsplat.mapshade_server.readers import open_volume
@@ -98,24 +98,29 @@ def finite(values: Voxels) -> Voxels:
     return np.nan_to_num(values, nan=0.0, posinf=1.0, neginf=2.0) if values.dtype.kind == "f" else values
 
 
-WAYS: dict[str, Callable[[Path, Voxels], Path]] = {
-    "legacy image": lambda d, v: legacy(d / "v.vtk", image(v)),
-    "legacy image as text": lambda d, v: legacy(d / "v.vtk", image(v), binary=False),
-    "legacy rectilinear": lambda d, v: legacy(d / "v.vtk", rectilinear(v)),
-    "legacy rectilinear as text": lambda d, v: legacy(d / "v.vtk", rectilinear(v), binary=False),
-    "rectilinear as text": lambda d, v: xml(d / "v.vtr", rectilinear(v), 0),
-    "rectilinear in base64": lambda d, v: xml(d / "v.vtr", rectilinear(v), 1),
-    "rectilinear, raw": lambda d, v: xml(d / "v.vtr", rectilinear(v), 2, compressor=False),
-    "rectilinear, compressed": lambda d, v: xml(d / "v.vtr", rectilinear(v)),
-    "image": lambda d, v: xml(d / "v.vti", image(v)),
+WAYS: dict[str, tuple[str, Callable[[Voxels], Any], Callable[[Path, Any], Path]]] = {
+    "legacy image": ("v.vtk", image, legacy),
+    "legacy image as text": ("v.vtk", image, lambda path, grid: legacy(path, grid, binary=False)),
+    "legacy rectilinear": ("v.vtk", rectilinear, legacy),
+    "legacy rectilinear as text": ("v.vtk", rectilinear, lambda path, grid: legacy(path, grid, binary=False)),
+    "rectilinear as text": ("v.vtr", rectilinear, lambda path, grid: xml(path, grid, 0)),
+    "rectilinear in base64": ("v.vtr", rectilinear, lambda path, grid: xml(path, grid, 1)),
+    "rectilinear, raw": ("v.vtr", rectilinear, lambda path, grid: xml(path, grid, 2, compressor=False)),
+    "rectilinear, compressed": ("v.vtr", rectilinear, xml),
+    "image": ("v.vti", image, xml),
 }
+
+
+def written_as(way: str, folder: Path, values: Voxels, changed_by: Callable[[Any], Any] = lambda grid: grid) -> Path:
+    name, make, write = WAYS[way]
+    return write(folder / name, changed_by(make(values)))
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("scalar_type", ALL_TYPES)
 def test_every_type_comes_back_where_vtk_has_it(scalar_type: str, way: str, tmp_path: Path) -> None:
     values = finite(values_of(scalar_type))
-    path = WAYS[way](tmp_path, values)
+    path = written_as(way, tmp_path, values)
     reader = open_volume(str(path))
     told = reader.describe()
     assert (told.scalar_type, told.density_name, told.warnings) == (scalar_type, "a density", ())
@@ -132,7 +137,7 @@ def test_every_type_comes_back_where_vtk_has_it(scalar_type: str, way: str, tmp_
 
 @pytest.mark.parametrize("way", WAYS)
 def test_cells_lie_between_the_points(way: str, tmp_path: Path) -> None:
-    path = WAYS[way](tmp_path, values_of("int16"))
+    path = written_as(way, tmp_path, values_of("int16"))
     for part in ("mass", "CellData/mass"):
         told = described(f"{path}#{part}")
         assert told.geometry.dims == (6, 5, 4) and told.geometry.origin == (10.25, -19.375, 31.5)
@@ -199,6 +204,70 @@ def test_nan_reaches_no_further_than_its_neighbours(tmp_path: Path) -> None:
 def test_coordinates_in_single_precision_are_even(tmp_path: Path) -> None:
     places = tuple((1000 + 0.1 * np.arange(n)).astype(np.float32) for n in DIMS)
     assert described(legacy(tmp_path / "v.vtk", rectilinear(values_of("uint8"), places))).warnings == ()
+
+
+TEXTS = ("short", "", "two words", "of\ntwo lines", "x" * 63, "x" * 64, "y" * 20_000)
+
+
+@pytest.mark.parametrize("binary", [True, False], ids=["binary", "text"])
+def test_numbers_behind_texts_are_found(binary: bool, tmp_path: Path) -> None:
+    from vtkmodules.vtkCommonCore import vtkStringArray
+
+    values = values_of("int16")
+    grid = image(values)
+    for data, count in ((grid.GetFieldData(), len(TEXTS)), (grid.GetPointData(), values.size)):
+        texts = vtkStringArray()
+        texts.SetName("texts")
+        for n in range(count):
+            texts.InsertNextValue(TEXTS[n % len(TEXTS)])
+        data.AddArray(texts)
+    path = legacy(tmp_path / "v.vtk", grid, binary)
+    np.testing.assert_array_equal(read_whole(path), values)
+    np.testing.assert_array_equal(read_whole(f"{path}#mass"), CELLS)
+    assert "texts" not in str(open_volume(str(path)).parts)
+    path.write_bytes(path.read_bytes()[:9000])
+    assert "truncated or damaged" in refused(path)
+
+
+GHOSTS = "vtkGhostType"
+
+
+def hiding(grid: Any) -> Any:
+    """The grid with every fifth point, and every third cell, hidden; others are only of two pieces, as VTK has it."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    for data, every, hidden in ((grid.GetPointData(), 5, 2), (grid.GetCellData(), 3, 32)):
+        ghosts = np.ones(data.GetArray(0).GetNumberOfTuples(), np.uint8)
+        ghosts[::every] |= hidden
+        array = numpy_to_vtk(ghosts, deep=True)
+        array.SetName(GHOSTS)
+        data.AddArray(array)
+    return grid
+
+
+@pytest.mark.parametrize("scalar_type", ["uint8", "int32", "float32"])
+@pytest.mark.parametrize("way", WAYS)
+def test_what_the_file_hides_is_no_data(way: str, scalar_type: str, tmp_path: Path) -> None:
+    values = finite(values_of(scalar_type))
+    drawn = read_whole(written_as(way, tmp_path, values)).astype(np.float64)
+    path = written_as(way, tmp_path, values, hiding)
+    drawn.ravel()[::5] = np.nan
+    np.testing.assert_array_equal(read_whole(path), drawn)
+    assert described(path).scalar_type == {"int32": "float64"}.get(scalar_type, "float32")
+    cells = CELLS.copy()
+    cells.ravel()[::3] = np.nan
+    np.testing.assert_array_equal(read_whole(f"{path}#mass"), cells)
+    box = Box((2, 1, 3), (5, 2, 4))
+    np.testing.assert_array_equal(open_volume(str(path)).read(box), drawn[3:4, 1:2, 2:5])
+
+
+def test_what_is_hidden_is_no_array_to_choose(tmp_path: Path) -> None:
+    grid = hiding(image(values_of("int16")))
+    for name in ("velocity", "a density"):
+        grid.GetPointData().RemoveArray(name)
+    for path in (xml(tmp_path / "v.vti", grid), legacy(tmp_path / "v.vtk", grid)):
+        assert described(path).density_name == "other"
+        assert {part.part for part in open_volume(str(path)).parts} == {"PointData/other", "CellData/mass"}
 
 
 def test_simple_itk_writes_what_is_read(tmp_path: Path) -> None:

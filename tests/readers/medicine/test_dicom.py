@@ -322,10 +322,11 @@ def test_phases_that_one_tag_sets_apart_are_told_apart(key: str, tmp_path: Path)
 
 @pytest.mark.parametrize("tag", ["AcquisitionTime", "ContentTime"])
 def test_a_time_of_each_slice_sets_no_volumes_apart(tag: str, tmp_path: Path) -> None:
+    times: list[dict[str, Any]] = [{tag: f"12000{n}"} for n in range(5)]
     for n in range(4):
-        slice_file(tmp_path / f"s{n}", VALUES[n], (0, 0, 3 * n), kind=MR, **{tag: f"12000{n}"})
+        slice_file(tmp_path / f"s{n}", VALUES[n], (0, 0, 3 * n), kind=MR, **times[n])
     np.testing.assert_array_equal(read_whole(tmp_path), VALUES[:4])
-    slice_file(tmp_path / "s4", VALUES[3], (0, 0, 9), kind=MR, **{tag: "120004"})
+    slice_file(tmp_path / "s4", VALUES[3], (0, 0, 9), kind=MR, **times[4])
     assert "slices s3 and s4 lie at one position and nothing tells them apart" in refused(tmp_path)
 
 
