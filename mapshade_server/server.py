@@ -300,7 +300,7 @@ class MapShadeServer:
 
     @takes(messages.ReadTrace)
     def _read_trace(self, request: messages.ReadTrace) -> None:
-        self._client.send(self._spans.told(request.frame))
+        self._client.send(self._spans.told(request.of_frame))
 
     @takes(messages.ReadClock)
     def _read_clock(self, request: messages.ReadClock) -> None:

@@ -231,7 +231,7 @@ class SplatServer:
     @takes(messages.ReadTrace)
     def _read_trace(self, request: messages.ReadTrace) -> None:
         spans = self._spans
-        self._outbox.post_later(lambda: spans.told(request.frame))  # the image that goes before is in it
+        self._outbox.post_later(lambda: spans.told(request.of_frame))  # the image that goes before is in it
 
     @takes(messages.MeasureLink)
     def _measure_link(self, request: messages.MeasureLink) -> None:

@@ -123,7 +123,7 @@ class FrameTracer:
 
     def _add(self, server: int, traced: _Traced, frame: int) -> None:
         told, reading = traced.told, traced.clock.best
-        if told is None or reading is None or told.frame != frame:
+        if told is None or reading is None or told.of_frame != frame:
             return
         left_out = f", {told.left_out} spans left out" if told.left_out else ""
         self._file.name(server + 1, f"{traced.name}, clock ± {reading.error * 1e6:.0f} µs{left_out}")

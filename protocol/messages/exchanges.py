@@ -6,7 +6,8 @@ that. Both ends keep the exchanges of their connection, so that a message out of
 connection) and reaches nobody.
 
 A server works through its requests in order (probes and voxels of the file aside). So what it answers of one frame, or
-of one assignment of sub-cubes, ends all exchanges about older ones.
+of one assignment of sub-cubes, ends all exchanges about older ones. Traces aside: they are asked for of frames that are
+over, maybe while the next one runs, and name theirs otherwise (`of_frame`).
 """
 
 import threading

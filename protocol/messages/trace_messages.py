@@ -42,7 +42,7 @@ class FrameTraced(Message, frozen=True):
     Of those on one row one may lie in another, but none overlaps another by a part. `left_out` did not fit.
     """
 
-    frame: FrameId
+    of_frame: FrameId
     spans: Annotated[list[Span], Meta(max_length=MOST_SPANS)]
     left_out: Count
 
@@ -52,4 +52,4 @@ class FrameTraced(Message, frozen=True):
 class ReadTrace(Message, frozen=True):
     """Client to map/shade server and splat server: what did you do for this frame, which was to be `traced`?"""
 
-    frame: FrameId
+    of_frame: FrameId

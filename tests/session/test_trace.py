@@ -3,7 +3,9 @@
 import os
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 
 import pytest
 import torch
@@ -13,6 +15,7 @@ from support.files.small_disks import fill, small_disk
 from support.files.trace_file import Event, Trace
 from support.patience import PATIENCE
 from volsplat.client import Session
+from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.server_clocks import ServerClock
@@ -90,6 +93,26 @@ def test_the_servers_work_lies_between_the_clients_ask_and_the_images_arrival(pa
         assert len(came) == 2
 
 
+def test_frames_that_threads_take_from_each_other_are_traced_without_a_loss(
+    head: Path, scene: Scene, tmp_path: Path
+) -> None:
+    losses: list[str] = []
+    with Session(head, workers=2, trace=tmp_path / "trace.json", on_loss=losses.append) as session:
+
+        def draw(pauses: Random) -> None:
+            for _ in range(150):
+                with suppress(FrameGivenUp):
+                    session.render(scene)
+                threading.Event().wait(pauses.uniform(0.0, 0.03))  # so that they overtake each other anywhere
+
+        drawing = [threading.Thread(target=draw, args=(Random(seed),)) for seed in range(2)]
+        for thread in drawing:
+            thread.start()
+        for thread in drawing:
+            thread.join(PATIENCE)
+        assert not losses and not any(thread.is_alive() for thread in drawing)
+
+
 def test_the_single_process_has_rows_of_its_owners_any_of_whom_may_walk(
     head: Path, scene: Scene, tmp_path: Path
 ) -> None:
@@ -132,7 +155,7 @@ def test_a_server_that_is_lost_is_not_waited_for_and_clocks_of_other_epochs_are_
         match message:
             case ReadClock():
                 tracer.take(1, ClockRead(time.perf_counter() + 500.0), time.perf_counter())
-            case ReadTrace(frame=frame):
+            case ReadTrace(of_frame=frame):
                 began = time.perf_counter() + 500.0
                 tracer.take(1, FrameTraced(frame, [Span("row", "work", began, began)], 0), time.perf_counter())
 
@@ -154,7 +177,7 @@ def test_what_is_noted_before_a_servers_answer_belongs_to_the_frame(tmp_path: Pa
         match message:
             case ReadClock():
                 tracer.take(1, ClockRead(time.perf_counter()), time.perf_counter())
-            case ReadTrace(frame=frame):
+            case ReadTrace(of_frame=frame):
                 tracer.note(frame, "to one", "RenderFrame", *[time.perf_counter()] * 2)
                 tracer.take(1, FrameTraced(frame, [], 0), time.perf_counter())
 

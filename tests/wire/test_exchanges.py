@@ -78,7 +78,16 @@ def test_every_message_between_client_and_server_is_a_request_or_an_answer(way: 
 @WAYS
 def test_exchanges_are_told_apart_by_ids_alone(way: Way) -> None:
     for kind in EXCHANGES[way].values():
-        assert set(kind.named_by) <= {"frame", "assignment", "probe", "part", "reading"}
+        assert set(kind.named_by) <= {"frame", "of_frame", "assignment", "probe", "part", "reading"}
+
+
+def test_a_trace_may_be_asked_for_while_a_later_frame_is_drawn() -> None:
+    exchanges = Exchanges(CLIENT_TO_MAPSHADE)
+    for frame in (1, 2):
+        exchanges.said(msgspec.structs.replace(SAMPLES[messages.RenderFrame][0], frame=frame))
+    exchanges.said(messages.ReadTrace(1))
+    exchanges.said(msgspec.structs.replace(SAMPLES[messages.FrameMapped][0], frame=2))
+    exchanges.check(messages.FrameTraced(1, [], 0))
 
 
 @WAYS

@@ -47,7 +47,7 @@ def exchange_table() -> str:
     ]
     for way, kinds in EXCHANGES.items():
         for request, kind in kinds.items():
-            named_by = " and ".join(kind.named_by) or "its place"
+            named_by = " and ".join(kind.named_by).replace("_", " ") or "its place"
             waits = f"the newest {kind.at_once}" if kind.newest else str(kind.at_once)
             answers = ", then ".join(answer.__name__ for answer in kind.answers)
             lines.append(f"| {way.receiver} | {request.__name__} | {named_by} | {waits} | {answers} |")
