@@ -229,6 +229,8 @@ def _opened(path: Path, part: str) -> OpenedVolume:
         return found.open(path, part)
     if raw_voxels.describes(path, part):
         return raw_voxels.open_raw_voxels(path, part)
+    if not packed and dicom_series.recognises_old(head):  # the mark is too weak to go before anybody's word
+        return DICOM.open(path, part)
     if head.startswith(GZIP_MAGIC):
         raise BadInput(f"{path}: {'is packed by gzip twice; unpack it by gunzip' if packed else DAMAGED_GZIP}")
     mark, a_gzip = mark_of(head), "a gzip of " if packed else ""

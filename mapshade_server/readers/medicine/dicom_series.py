@@ -12,7 +12,13 @@ from pathlib import Path
 from typing import NoReturn
 
 from volsplat.mapshade_server.readers.medicine import dicom_stack
-from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Frame, dicom_file, recognises
+from volsplat.mapshade_server.readers.medicine.dicom_file import (
+    DicomFile,
+    Frame,
+    dicom_file,
+    recognises,
+    recognises_old,
+)
 from volsplat.mapshade_server.readers.medicine.dicom_folder import image_if_readable, images_of, series_of
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.medicine.dicom_values import scalar_type_of
@@ -23,7 +29,7 @@ from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
-__all__ = ["open_dicom_file", "open_folder", "recognises"]
+__all__ = ["open_dicom_file", "open_folder", "recognises", "recognises_old"]
 
 MOST_TOLD = 5000  # files that are looked at to tell which series there are
 ONE_SLICE = "slice"  # the part of a name that means a single slice alone

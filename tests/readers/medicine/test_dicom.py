@@ -633,8 +633,13 @@ def test_old_files_without_a_preamble_are_found(tmp_path: Path) -> None:
         raw = path.read_bytes()
         start = raw.index(b"\x08\x00\x16\x00UI")
         path.write_bytes(raw[start:])
+    old = max(folder.iterdir())
     (folder / "raw").write_bytes(np.arange(8, 4000, dtype="<u2").tobytes())
     np.testing.assert_array_equal(read_whole(folder), VALUES)
+    np.testing.assert_array_equal(read_whole(old), VALUES)
+    assert read_whole(f"{old}#slice").shape == (1, *VALUES.shape[1:])
+    size = old.stat().st_size
+    assert read_whole(f"{old}#dims={size}x1x1,type=uint8").shape == (1, 1, size)
 
 
 # What is read
