@@ -1,13 +1,13 @@
 """Coordinate variables of the CF conventions (cfconventions.org, chapters 4 and 5): what indices stand for."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis
+from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, text_attribute
 from volsplat.mapshade_server.readers.reading.grids import unevenness
 
@@ -30,6 +30,11 @@ class Coordinates(NamedTuple):
 
     axis: ArrayAxis
     warning: str = ""
+
+
+def warnings_of(coordinates: Sequence[Coordinates], grid: ArrayGrid) -> list[str]:
+    """What had to be changed of the axes that are drawn."""
+    return [one.warning for one, index in zip(coordinates, grid.indices, strict=True) if index is None]
 
 
 def coordinates_of(

@@ -28,7 +28,7 @@ from volsplat.mapshade_server.readers.arrays.array_volume import (
     is_one_chunk,
     shown,
 )
-from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of, warnings_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
@@ -91,7 +91,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             _picks(path, name),
             density_name=text_attribute(attributes, "long_name") or name.rpartition("/")[2],
             value_unit=text_attribute(attributes, "units"),
-            warnings=[*_told_missing(dataset), *(one.warning for one in coordinates)],
+            warnings=[*_told_missing(dataset), *warnings_of(coordinates, grid)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
             parts=parts,

@@ -14,7 +14,7 @@ from volsplat.mapshade_server.readers.arrays.array_grid import array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.array_volume import array_told, array_volume, choose_one, is_minc, shown
-from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of, warnings_of
 from volsplat.mapshade_server.readers.arrays.hdf5_dataset import NETCDF_FILL
 from volsplat.mapshade_server.readers.arrays.netcdf_header import MAGIC, VERSIONS, Variable, netcdf_variables
 from volsplat.mapshade_server.readers.reading.part_options import listed
@@ -41,15 +41,16 @@ def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
     values = cf_values(chosen.whole, variable.dtype, {**never_written, **variable.attributes})
     axes = zip(variable.dimensions, variable.shape, strict=True)
     coordinates = [_coordinates(chosen, length, name, variables.get(name)) for name, length in axes]
+    grid = array_grid(chosen, [one.axis for one in coordinates])
     return array_volume(
         chosen,
         f"NetCDF-3 variable {variable.name}",
-        array_grid(chosen, [one.axis for one in coordinates]),
+        grid,
         values,
         lambda selection: _picked(chosen, variable, selection),
         density_name=text_attribute(variable.attributes, "long_name") or variable.name,
         value_unit=text_attribute(variable.attributes, "units"),
-        warnings=[one.warning for one in coordinates],
+        warnings=warnings_of(coordinates, grid),
         parts=(),
     )
 

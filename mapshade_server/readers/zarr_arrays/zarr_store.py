@@ -19,7 +19,7 @@ from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayG
 from volsplat.mapshade_server.readers.arrays.array_part import array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.array_volume import ONE_CHUNK, array_volume, is_one_chunk
-from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of, warnings_of
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
@@ -126,7 +126,7 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         pick,
         density_name=_density_name(found, [one.axis for one in coordinates], grid, attributes),
         value_unit=text_attribute(attributes, "units"),
-        warnings=[*(one.warning for one in coordinates), also],
+        warnings=[*warnings_of(coordinates, grid), also],
         chunk=grid.chunk(array.chunks),
         why_whole=ONE_CHUNK if is_one_chunk(grid, array.shape, array.chunks) else "",
         files=files,

@@ -68,6 +68,17 @@ def test_every_type_comes_back_from_every_version(version: str, scalar_type: str
     np.testing.assert_array_equal(part, values[0:3, 2:4, 1:5])
 
 
+@pytest.mark.parametrize("version", ["NETCDF3_CLASSIC", "NETCDF4"])
+def test_an_axis_that_is_not_drawn_is_not_warned_of(version: str, tmp_path: Path) -> None:
+    def fill(file: Any) -> None:
+        variable(file, "rho", ("time", "z", "y", "x"), np.stack([values_of("int16")] * 3))
+        variable(file, "time", ("time",), np.array([0.0, 1.0, 5.0]))
+
+    path = written(tmp_path / "v.nc", fill, version)
+    assert described(f"{path}#rho,time=1").warnings == ()
+    assert "time is unevenly spaced" in described(f"{path}#rho,x=1").warnings[0]
+
+
 @pytest.mark.parametrize("version", FORMATS)
 @pytest.mark.parametrize("alone", [True, False])
 def test_records_lie_among_those_of_other_variables(version: str, alone: bool, tmp_path: Path) -> None:
