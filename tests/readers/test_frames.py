@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 
+import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import refused
 from support.files.volume_files import values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -63,6 +65,28 @@ def test_a_frame_is_chosen_by_its_number(case: str, tmp_path: Path) -> None:
         assert got.flags.c_contiguous
     if case.startswith("NRRD"):
         assert description.geometry.origin == (1, 2, 3) and description.geometry.spacing == (2, 2, 3)
+
+
+@pytest.mark.parametrize("extension", ["nrrd", "nii", "mha", "h5"])
+def test_the_volumes_of_a_series_that_itk_joins_lie_where_they_did(extension: str, tmp_path: Path) -> None:
+    turned = np.array([[0.0, -1.0, 0.0], [0.8, 0.0, 0.6], [0.6, 0.0, -0.8]])
+    volumes = [sitk.GetImageFromArray(one) for one in SERIES]
+    for one in volumes:
+        one.SetSpacing((0.5, 1.25, 3.0))
+        one.SetOrigin((10.0, -20.0, 30.0))
+        one.SetDirection(turned.ravel().tolist())
+    path = tmp_path / f"series.{extension}"
+    sitk.WriteImage(sitk.JoinSeries(volumes), str(path))
+    assert "4 volumes" in refused(path)
+    for frame, values in enumerate(SERIES):
+        reader = open_volume(f"{path}#{'t=' if extension == 'h5' else ''}{frame}")
+        told = reader.describe()
+        np.testing.assert_array_equal(reader.read(told.geometry.box), values)
+        for index in ((0, 0, 0), (6, 0, 0), (1, 2, 4)):
+            place = told.geometry.physical((float(index[0]), float(index[1]), float(index[2])))
+            expected = volumes[0].TransformIndexToPhysicalPoint(index)
+            assert place == pytest.approx(expected, rel=tolerances.GEOMETRY_FLOAT32, abs=tolerances.GEOMETRY_FLOAT32)
+        assert ("left and right cannot be told" in str(told.warnings)) == (extension == "mha")
 
 
 @pytest.mark.parametrize("case", FILES)

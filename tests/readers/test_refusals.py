@@ -110,7 +110,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "colour TIFF": (lambda d: image(d, "rgb.tif", COLOUR, True), "one number a voxel"),
     "frames in NIfTI": (lambda d: image(d, "four.nii", FRAMES, False), "choose one, as in"),
     "frames in MetaImage": (lambda d: image(d, "four.mha", FRAMES, False), "choose one, as in"),
-    "frames in NRRD": (lambda d: image(d, "four.nrrd", FRAMES, False), "needs one volume"),
+    "frames in NRRD": (lambda d: image(d, "four.nrrd", FRAMES, False), "choose one, as in"),
     "truncated NRRD": (lambda d: cut(plain(d, "v.nrrd"), 0.7), "truncated"),
     "truncated MetaImage": (lambda d: cut(plain(d, "v.mha"), 0.7), "truncated"),
     "truncated NIfTI": (lambda d: cut(plain(d, "v.nii"), 0.7), "truncated"),

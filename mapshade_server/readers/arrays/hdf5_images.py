@@ -146,21 +146,26 @@ def _vtk_array(part: ArrayPart, arrays: dict[str, Any], axes: int) -> Any:
 
 
 def _of_itk(part: ArrayPart, group: Any) -> Hdf5Image:
-    """Rows of `Directions` are where i, j, k lead; physical axes are LPS, lengths mm, as ITK has them."""
-    part.check_known(())
+    """Rows of `Directions` are where i, j, k lead; physical axes are LPS, lengths mm, as ITK has them.
+
+    A fourth axis is that of a series.
+    """
     dims = tuple(int(n) for n in group["Dimension"][:])
+    part.check_known(("t",) if len(dims) == 4 else ())
     data = group["VoxelData"]
-    if len(dims) != 3:
+    if len(dims) not in (3, 4):
         what = "a 2-D image" if len(dims) == 2 else f"an image of {len(dims)} axes"
         raise BadInput(f"{part.place}: {what}, volsplat needs a volume of three; export one")
-    if data.ndim == 4 and tuple(data.shape[:3]) == dims[::-1]:
-        refuse_vectors(Path(part.place), f"{data.shape[3]} components a voxel")
+    if data.ndim == len(dims) + 1 and tuple(data.shape[:-1]) == dims[::-1]:
+        refuse_vectors(Path(part.place), f"{data.shape[-1]} components a voxel")
     if tuple(data.shape) != dims[::-1]:
         raise ValueError(f"Dimension {dims} against voxels {data.shape}")
-    directions = np.array(_numbers(group["Directions"][:], 9)).reshape(3, 3)
-    steps, origin = _numbers(group["Spacing"][:], 3), _numbers(group["Origin"][:], 3)
-    geometry = checked_geometry(Path(part.place), dims, directions.T * steps, origin)
-    return Hdf5Image(data.name, "ITK image in HDF5", geometry, "density", unit="mm", anatomical=True)
+    axes = len(dims)
+    directions = np.array(_numbers(group["Directions"][:], axes * axes)).reshape(axes, axes)[:3, :3]
+    steps, origin = _numbers(group["Spacing"][:], axes)[:3], _numbers(group["Origin"][:], axes)[:3]
+    geometry = checked_geometry(Path(part.place), dims[:3], directions.T * steps, origin)
+    frame = _chosen(part, "t", dims[3], []) if axes == 4 else None
+    return Hdf5Image(data.name, "ITK image in HDF5", geometry, "density", frame, unit="mm", anatomical=True)
 
 
 # -- Imaris

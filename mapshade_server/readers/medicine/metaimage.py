@@ -28,6 +28,7 @@ from volsplat.protocol.text.length_units import length_unit
 LONGEST_HEADER = 1 << 16
 SIDES = ("LR", "PA", "SI")  # to which the physical axes lead, and away from which
 UNTURNED = "LPS"
+NO_SIDES = "its AnatomicalOrientation names no sides, as ITK writes series: left and right cannot be told"
 OPPOSITE = str.maketrans("LRPASI", "RLAPIS")
 SCALAR_TYPES = {
     "MET_CHAR": "int8",
@@ -86,7 +87,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         scalar_type=voxels.dtype.name,
         unit=_unit(fields, anatomical),
         anatomical=anatomical,
-        warnings=_told(fields, geometry),
+        warnings=(*_told(fields, geometry), *([NO_SIDES] if len(sizes) > 3 and not anatomical else [])),
         kind=kind,
         kind_from=kind_from,
         reads_sub_cubes=not why_whole,

@@ -156,7 +156,7 @@ def _axes(header: NrrdHeader) -> _Axes:
     if not sizes or min(sizes) < 1 or header.integers("dimension") != (len(sizes),):
         raise header.wrong("sizes", "does not fit the dimension")
     refuse_flat_colours(header.path, sizes, _kinds(header), placed="space directions" in header.fields)
-    spatial = _spatial(header, len(sizes))
+    spatial = _spatial(header, len(sizes)) if len(sizes) > 3 else [True] * len(sizes)
     all_axes = range(len(sizes))
     # Axes of several values that lead nowhere in space.
     along = [axis for axis in all_axes if sizes[axis] > 1 and not spatial[axis]] if len(sizes) > 3 else []
@@ -172,7 +172,7 @@ def _axes(header: NrrdHeader) -> _Axes:
     if not along:
         return _Axes(sizes, of_volume, 1, "", False)
     kind = (*_kinds(header), *[""] * len(sizes))[along[0]]
-    return _Axes(sizes, of_volume, sizes[along[0]], kind, along == [0])
+    return _Axes(sizes, of_volume, sizes[along[0]], "" if kind in SPATIAL_KINDS else kind, along == [0])
 
 
 def _kinds(header: NrrdHeader) -> list[str]:
@@ -180,12 +180,18 @@ def _kinds(header: NrrdHeader) -> list[str]:
 
 
 def _spatial(header: NrrdHeader, count: int) -> list[bool]:
-    """Which axes lead through space, as the kinds have it or else the directions."""
+    """Which axes lead through space, as kinds and directions have it: three at most, the first of them.
+
+    ITK has a fourth one for the volumes of a series.
+    """
     kinds = _kinds(header)
-    if len(kinds) == count:
-        return [kind in SPATIAL_KINDS for kind in kinds]
     directions = header.vectors("space directions") if "space directions" in header.fields else []
-    return [direction is not None for direction in directions] if len(directions) == count else [True] * count
+    if len(kinds) != count and len(directions) != count:
+        return [True] * count
+    by_kinds = [kind in SPATIAL_KINDS for kind in kinds] if len(kinds) == count else [True] * count
+    leading = [direction is not None for direction in directions] if len(directions) == count else [True] * count
+    spatial = [by_kind and leads for by_kind, leads in zip(by_kinds, leading, strict=True)]
+    return [one and sum(spatial[:n]) < 3 for n, one in enumerate(spatial)]
 
 
 def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
