@@ -36,6 +36,7 @@ INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlati
 NO_SIDES = "the file states neither sform nor qform: left and right cannot be told"
 OTHER_HAND = "its sform and qform disagree on what is left and what is right; the sform is followed"
 FLAT_SFORM = "its sform spans no space; the qform is followed"
+NO_UNIT = "the file states no unit of length: mm is taken, which writers mean by the scanner's space"
 MILLIMETRES_PER_UNIT = {1: 1000.0, 2: 1.0, 3: 0.001}
 
 
@@ -65,9 +66,9 @@ def open_nifti(path: Path, part: str = "") -> OpenedVolume:
             path, voxels.dims, matrices.times(matrix, to_millimetres), matrices.scaled(origin, to_millimetres)
         ),
         scalar_type=scaled_type if scaled else voxels.dtype.name,
-        unit="mm" if unit_code in MILLIMETRES_PER_UNIT else "",
+        unit="mm" if anatomical or unit_code in MILLIMETRES_PER_UNIT else "",
         anatomical=anatomical,
-        warnings=(*header.start_told, *warnings),
+        warnings=(*header.start_told, *warnings, *([NO_UNIT] if anatomical and unit_code == 0 else [])),
         kind=kind,
         kind_from=kind_from,
         **voxels.access,

@@ -83,6 +83,17 @@ def test_a_nifti_without_a_place_tells_that_sides_are_unknown(tmp_path: Path) ->
     assert not told.anatomical
 
 
+@pytest.mark.parametrize(("codes", "unit"), [((1, 0), "mm"), ((0, 1), "mm"), ((0, 0), "")])
+def test_a_nifti_in_a_scanners_space_without_a_unit_is_in_mm(codes: tuple[int, int], unit: str, tmp_path: Path) -> None:
+    path = tmp_path / "v.nii"
+    nifti(path, *codes)
+    raw = bytearray(path.read_bytes())
+    raw[123] = 0
+    path.write_bytes(raw)
+    told = described(path)
+    assert told.unit == unit and ("states no unit of length" in str(told.warnings)) == (unit == "mm")
+
+
 def test_an_sform_goes_before_a_qform_and_another_hand_is_told(tmp_path: Path) -> None:
     by_qform = nifti(tmp_path / "q.nii", 1, 0, mirrored=True)
     by_sform = nifti(tmp_path / "s.nii", 0, 1, mirrored=True)
