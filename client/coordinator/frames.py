@@ -46,6 +46,7 @@ class Frames:
 
     def __init__(self, servers: Servers, routes: DataRoutes, holding: VolumeHolding, work: WorkShares) -> None:
         self.frame: RunningFrame | None = None
+        self._newest = 0  # of those that were asked for
         self._owed = False  # a screen has not seen yet what is left after a loss
         self._servers = servers
         self._routes = routes
@@ -57,6 +58,9 @@ class Frames:
 
     @takes(FrameAsked)
     def asked(self, event: FrameAsked) -> list[Instruction]:
+        if event.frame < self._newest:  # of two threads that ask at once either may be heard first
+            return [EndFrame(event.frame)]
+        self._newest = event.frame
         replaced = self.frame
         self.frame = RunningFrame(
             event.frame, event.scene, event.step, event.require_complete, exact=event.exact, thinning=event.thinning

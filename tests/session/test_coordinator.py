@@ -149,6 +149,12 @@ def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> No
     assert late == []
 
 
+def test_a_newer_frame_that_is_heard_of_first_is_drawn_and_the_older_one_is_not() -> None:
+    coordinator = drawing(frame=2)
+    assert coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=True)) == [EndFrame(1)]
+    assert coordinator.frames.current(2)
+
+
 def test_an_aborted_frame_ends_when_every_server_has_acknowledged() -> None:
     coordinator = drawing()
     asked = coordinator.handle(AbortAsked(1))
