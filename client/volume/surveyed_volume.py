@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import msgspec
@@ -131,20 +131,20 @@ class SurveyedVolume:
         if scene.view.zoom != "fit":
             return scene
         try:
-            ball = self._visible_ball(_deciding_visibility(scene))
+            ball = self._visible_ball(_deciding_visibility(scene), self.quantisation(scene.quantise))
         except ValueError:  # bounds that the volume does not have
             return scene
         zoom, center = fitting_view(scene, self.description.geometry, ball)
         return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom, center=center))
 
     @cached_property
-    def _visible_ball(self) -> Callable[[Scene], Ball]:
-        """Remembered, since the frames of a refinement, and a scene that is turned, have the same."""
+    def _visible_ball(self) -> Callable[[Scene, Quantisation], Ball]:
+        """Remembered, since the frames of a refinement, and a scene that is turned, have the same.
 
-        def found(scene: Scene) -> Ball:
-            return visible_ball(scene, self.description.geometry, self.quantisation(scene.quantise), self.extremes)
-
-        return lru_cache(REMEMBERED)(found)
+        No function that is remembered refers to this volume: it goes at once, and not when the collector next runs.
+        """
+        geometry, extremes = self.description.geometry, self.extremes
+        return lru_cache(REMEMBERED)(lambda scene, rules: visible_ball(scene, geometry, rules, extremes))
 
     @property
     def has_values(self) -> bool:
@@ -182,14 +182,10 @@ class SurveyedVolume:
     @cached_property
     def _subject_under(self) -> Callable[[tuple[float, float]], Subject]:
         """Remembered, since every preset is made for it."""
-
-        usual = self.quantisation(Quantise()).window
-
-        def found(window: tuple[float, float]) -> Subject:
-            known = None if window == usual else self._subject_under(usual)
-            return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up, known)
-
-        return lru_cache(REMEMBERED)(found)
+        subject = partial(subject_of, self.description, self.survey, self.density_counts, up=self.stands_up.up)
+        automatic = self.quantisation(Quantise()).window
+        usual = subject(automatic)
+        return lru_cache(REMEMBERED)(lambda window: usual if window == automatic else subject(window, usual=usual))
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import gc
 import multiprocessing
 import os
 import pickle
 import sys
 import warnings
+import weakref
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -36,6 +38,7 @@ from volsplat.client.memory.array_volume import OrientationUnknown, Volume
 from volsplat.client.memory.known_arrays import source_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.protocol.description.scene import Quantise
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
@@ -421,6 +424,20 @@ def test_servers_draw_an_array_as_a_single_process_does_and_it_is_given_back() -
 def assert_closed(use: Callable[[], object]) -> None:
     with pytest.raises(BadInput, match=r"closed.*; make it anew, as by Volume\(array\)$"):
         use()
+
+
+def test_what_is_known_of_a_drawn_volume_goes_with_it_before_the_collector_runs() -> None:
+    gc.disable()
+    try:
+        with SingleProcess(Volume(VALUES, spacing=STEPS), threads=1) as single:
+            known = weakref.ref(single.volume)
+            for window in ("auto", (0.0, 2000.0)):
+                scene = single.volume.begun_scene(None, Quantise(window=window))
+                single.render(scene.with_(size=20, zoom="fit"))
+        del single
+        assert known() is None
+    finally:
+        gc.enable()
 
 
 def test_volumes_go_to_other_processes_and_back_with_their_voxels() -> None:
