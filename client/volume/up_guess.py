@@ -36,7 +36,10 @@ class StandsUp(NamedTuple):
 def stands_up(description: VolumeDescription, extremes: BlockExtremes) -> StandsUp:
     """What the file says, or the guess, or +z."""
     if description.up is not None:
-        return StandsUp(description.up, "superior of the patient" if description.anatomical else "as the format tells")
+        return StandsUp(
+            description.up,
+            "superior of the patient" if description.anatomical else "as its format or its vertical axis has it",
+        )
     guess = guessed_up(description.geometry, extremes)
     if guess is not None:
         return StandsUp(guess, "a guess, for what is there tapers that way and is cut off at the other; --up sets it")
