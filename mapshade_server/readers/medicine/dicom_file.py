@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_values import (
     words_of,
 )
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.grids import PALETTE_LEFT_OUT
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box
@@ -117,6 +118,7 @@ class DicomFile:
     localizer: bool
     ordered: bool  # frames without places follow each other through a volume
     value_unit: str
+    told: tuple[str, ...]  # what is left out of it
     frames: tuple[Frame, ...]
     refusal: str  # why its pixels cannot be read, "" if they can; then it has no frames
 
@@ -171,6 +173,7 @@ def _told(path: Path, head: Any, file: BinaryIO) -> DicomFile | None:
         localizer="LOCALIZER" in words_of(head.get("ImageType")),
         ordered=head.get("VolumetricProperties") == "VOLUME" or head.get("MRAcquisitionType") == "3D",
         value_unit=value_unit_of(head, modality),
+        told=(PALETTE_LEFT_OUT,) if head.get("PhotometricInterpretation") == "PALETTE COLOR" else (),
         frames=frames,
         refusal=refusal,
     )
@@ -290,20 +293,43 @@ def _spacing(value: Callable[[str, str], Any]) -> tuple[float, float]:
 
 
 def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int) -> Place | None:
-    stated = value("PlanePositionSequence", "ImagePositionPatient")
-    if stated is None and value("PlaneOrientationSequence", "ImageOrientationPatient") is None:
-        return None
-    if len(words_of(stated)) != 3:
+    position = value("PlanePositionSequence", "ImagePositionPatient")
+    directions = value("PlaneOrientationSequence", "ImageOrientationPatient")
+    if position is None and directions is None:
+        return _by_detector(path, head, number)
+    return _in_grid(path, _stated_place(path, position, directions), head.get("GridFrameOffsetVector"), number)
+
+
+def _stated_place(path: Path, position: Any, directions: Any) -> Place:
+    if len(words_of(position)) != 3:
         raise BadInput(f"{path}: has no usable ImagePositionPatient, so it has no place in a series; export it again")
-    x, y, z = _numbers(stated, 3)
-    directions = _numbers(value("PlaneOrientationSequence", "ImageOrientationPatient"), 6)
-    row, column = (directions[0], directions[1], directions[2]), (directions[3], directions[4], directions[5])
+    x, y, z = _numbers(position, 3)
+    numbers = _numbers(directions, 6)
+    row, column = (numbers[0], numbers[1], numbers[2]), (numbers[3], numbers[4], numbers[5])
     square = (matrices.length(row) - 1, matrices.length(column) - 1, matrices.dot(row, column))
     if max(abs(error) for error in square) > SQUARE_TOLERANCE:
         raise BadInput(
             f"{path}: has no usable ImageOrientationPatient, so it has no place in a series; export it again"
         )
-    return _in_grid(path, Place((x, y, z), row, column), head.get("GridFrameOffsetVector"), number)
+    return Place((x, y, z), row, column)
+
+
+def _by_detector(path: Path, head: Any, number: int) -> Place | None:
+    """The place of a frame of reconstructed nuclear medicine, which states that of the first slice and their distance.
+
+    A distance below 0 leads against the normal (PS3.3, C.8.4.15).
+    """
+    detector: Any = next(iter(head.get("DetectorInformationSequence") or ()), {})
+    position, directions = detector.get("ImagePositionPatient"), detector.get("ImageOrientationPatient")
+    (step,) = _numbers(head.get("SpacingBetweenSlices"), 1)
+    slices = words_of(head.get("SliceVector"))
+    if not (words_of(position) and words_of(directions) and step and slices):
+        return None
+    if len(slices) <= number:
+        raise BadInput(f"{path}: its SliceVector has no place for frame {number}; export it again")
+    first = _stated_place(path, position, directions)
+    along = matrices.scaled(first.normal, step * (int(slices[number]) - 1))
+    return replace(first, position=matrices.plus(first.position, along))
 
 
 def _in_grid(path: Path, place: Place, stated: Any, number: int) -> Place:

@@ -239,7 +239,7 @@ def _opened(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] 
         anatomical=stack.anatomical,
         kind=kind,
         kind_from=kind_from,
-        warnings=(*warnings, *stack.warnings),
+        warnings=(*warnings, *stack.warnings, *first.told),
     )
     paths = [frame.pixels.path for frame in stack.frames]
     return OpenedVolume(description, partial(stack.read, description.scalar_type), lambda: disk_files(paths), parts=())

@@ -279,6 +279,11 @@ def _check_gaps(source: Path, frames: Sequence[Frame], heights: Sequence[float])
 
 def _check_apart(source: Path, frames: Sequence[Frame], gaps: Sequence[float], usual: float) -> None:
     """Raises BadInput if two frames lie at one place."""
+    if max(gaps) == 0 and len({frame.pixels.path for frame in frames}) == 1:
+        raise BadInput(
+            f"{source}: has {len(frames)} frames and one place for all of them: a film of one slice is no volume, else "
+            "export it again with the place of each"
+        )
     real = usual if usual > SAME_PLACE * max(gaps) else max(gaps)  # else most frames lie where another one does
     for n, gap in enumerate(gaps):
         if gap <= GAP_TOLERANCE * real:

@@ -32,8 +32,9 @@ from volsplat.protocol.text.errors import BadInput
 
 UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA = 1, 8, 32946, 34925
 DECODED_BY_TIFFFILE = (UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA)
-FROM_WHITE = 0  # of the tag PhotometricInterpretation
+FROM_WHITE, PALETTE = 0, 3  # of the tag PhotometricInterpretation
 WHOLE_BYTES = (8, 16, 32, 64)
+SIZED = (6, 7, 33003, 33004, 33005, 33007, 34712)  # JPEG and JPEG 2000, whose codestreams state their size
 LZW, PACKBITS, ZSTD, OLD_ZSTD = 5, 32773, 50000, 34926
 BOUNDED: dict[int, Callable[[bytes, int], bytes]] = {
     DEFLATE: inflated,
@@ -92,6 +93,11 @@ class TiffPage:
         """Whether the greatest value means black."""
         return bool(self.packing.photometric == FROM_WHITE)
 
+    @property
+    def has_palette(self) -> bool:
+        """Whether values are the numbers of colours."""
+        return bool(self.packing.photometric == PALETTE)
+
     def check_within(self, size: int, source: Path) -> None:
         """Raises BadInput if a strip or tile lies beyond the end of its file, of `size` bytes."""
         if any(start + count > size for start, count in zip(self.offsets, self.counts, strict=True)):
@@ -119,6 +125,8 @@ class TiffPage:
                 values[low_j - j0 : high_j - j0, low_i - i0 : high_i - i0] = segment[
                     0, low_j - top : high_j - top, low_i - left : high_i - left, 0
                 ]
+        except BadInput:
+            raise
         except Exception as error:  # each of the decoders has exceptions of its own
             raise BadInput(f"{self.path}: page {self.number} is damaged ({error}); export it again") from None
         return values
@@ -147,10 +155,15 @@ class TiffPage:
         return self._without_packing.decode, unpack(packed, most + SLACK)
 
     def _check_codestream(self, packed: bytes) -> None:
-        """Raises ValueError if a codec could make more of it than the page promises, or nobody can tell."""
-        if codestream_size(packed) is None:
+        """Raises ValueError if a codec could make more of it than the page promises, BadInput if nobody can tell."""
+        if codestream_size(packed) is None and self.packing.compression not in SIZED:
             name = getattr(self.packing.compression, "name", self.packing.compression)
-            raise Damaged(f"packed by {name}, which states no size that could be checked; zstd or deflate would do")
+            raise BadInput(
+                f"{self.path}: page {self.number} is packed by {name}, which is not read, since it states no size that "
+                "could be checked; save it packed by zstd or deflate"
+            )
+        if codestream_size(packed) is None:
+            raise Damaged("its codestream states no size")
         check_codestream(packed, *self.segment)
 
     @cached_property
@@ -174,8 +187,9 @@ class TiffPage:
         oiio = importlib.import_module("OpenImageIO")
         image = oiio.ImageInput.open(str(self.path))
         try:
-            # OpenImageIO spreads other numbers of bits over the range of the next type.
-            if image and self.packing.bitspersample in WHOLE_BYTES and image.seek_subimage(self.number, 0):
+            # OpenImageIO spreads other numbers of bits over the range of the next type, and makes colours of a palette.
+            as_stored = self.packing.bitspersample in WHOLE_BYTES and not self.has_palette
+            if image and as_stored and image.seek_subimage(self.number, 0):
                 values = image.read_image(self.number, 0, 0, 1, oiio.UNKNOWN)
                 if values is not None and values.shape[:2] == (self.packing.imagelength, self.packing.imagewidth):
                     whole: Voxels = values.reshape(values.shape[:2])

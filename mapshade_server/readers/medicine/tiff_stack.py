@@ -16,7 +16,11 @@ from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMeta
 from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, check_kind, tifffile
 from volsplat.mapshade_server.readers.medicine.tiff_place import Place, placed, stated_place
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
-from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.grids import (
+    PALETTE_LEFT_OUT,
+    refuse_other_dimensions,
+    refuse_vectors,
+)
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, index_in, part_options
@@ -30,6 +34,7 @@ from volsplat.protocol.text.errors import BadInput
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WIDER = {"bool": "uint8", "float16": "float32"}  # types that tensors of voxels do not have
 COUNTED_FROM_WHITE = "its photometric counts from white: values are as they are stored, and the greatest means black"
+MOST_COLOURS = 4  # more channels, where there are no slices, are no colours
 WHAT_ALONG = {"C": "channels", "T": "times", "Z": "slices"}
 
 
@@ -122,6 +127,22 @@ def _slice_axis(series: Any) -> int | None:
     return next(iter([*named, *reversed(other)]), None)
 
 
+def _stacked_axis(path: Path, series: Any) -> int:
+    """The axis that is drawn as slices. Raises BadInput if none can be."""
+    if (along := _slice_axis(series)) is not None and series.axes[-2:] == "YX":
+        return along
+    long = [n for n, size in enumerate(series.shape[:-2]) if size > 1]
+    width, height = series.keyframe.imagewidth, series.keyframe.imagelength
+    if series.axes[-2:] != "YX" or [series.axes[n] for n in long] != ["C"]:
+        refuse_other_dimensions(path, (width, height))
+    if series.shape[long[0]] > MOST_COLOURS:
+        return long[0]
+    raise BadInput(
+        f"{path}: a 2-D image of {series.shape[long[0]]} channels of {width} x {height}, no slices; volsplat needs a "
+        "volume: give a file with several slices"
+    )
+
+
 @dataclass(frozen=True)
 class Chosen:
     """Which pages of a series make the volume, what they are called, and warnings about the choice."""
@@ -134,10 +155,7 @@ class Chosen:
 
 def _chosen(path: Path, said: PartOptions, series: Any, image: OmeImage | None) -> Chosen:
     axes, shape = series.axes[:-2], series.shape[:-2]
-    along = _slice_axis(series)
-    if series.axes[-2:] != "YX" or along is None:
-        refuse_other_dimensions(path, (series.keyframe.imagewidth, series.keyframe.imagelength))
-        raise BadInput(f"{path}: its axes {series.axes} are no slices of Y and X; export one volume of it")
+    along = _stacked_axis(path, series)
     channels = image.channels if image is not None else ()
     index: list[int | slice] = [0] * len(shape)
     index[along] = slice(None)
@@ -202,6 +220,13 @@ def _format(file: Any, pages: Sequence[TiffPage]) -> str:
     return f"{kind} of {files} files" if files > 1 else kind
 
 
+def _told_of_values(page: TiffPage) -> Iterator[str]:
+    if page.from_white:
+        yield COUNTED_FROM_WHITE
+    if page.has_palette:
+        yield PALETTE_LEFT_OUT
+
+
 def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, chosen: Chosen) -> OpenedVolume:
     """The reader for pages of one size. Raises BadInput if their files hold less than they promise."""
     packing = pages[0].packing
@@ -224,7 +249,7 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
         scalar_type=scalar_type,
         unit=place.unit,
         density_name=chosen.channel or "density",
-        warnings=(*chosen.warnings, *place.warnings, *(COUNTED_FROM_WHITE,) * pages[0].from_white),
+        warnings=(*chosen.warnings, *place.warnings, *_told_of_values(pages[0])),
         chunk=raw.chunk if raw is not None else (*pages[0].segment, 1),
     )
 

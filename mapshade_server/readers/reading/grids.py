@@ -12,6 +12,7 @@ from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 
 EVEN = 1e-3  # of a step, that others may differ from it
+PALETTE_LEFT_OUT = "its palette of colours is left out: values are the numbers that it gives colours to"
 ROUNDING = 4  # units in the last place of the file's own numbers
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 

@@ -22,6 +22,7 @@ from support.files.dicom_files import (
     ENHANCED_MR,
     LITTLE,
     MR,
+    NUCLEAR,
     PET,
     RLE,
     SECONDARY,
@@ -486,6 +487,42 @@ def test_a_picture_whose_spacing_is_no_number_is_left_out(tmp_path: Path) -> Non
     assert raw.count(b"0.5\\0.5") == 1
     (folder / "picture").write_bytes(raw.replace(b"0.5\\0.5", b"0,5\\0,5"))
     np.testing.assert_array_equal(read_whole(folder), VALUES)
+
+
+@pytest.mark.parametrize("step", [2.5, -2.5])
+def test_slices_of_nuclear_medicine_lie_where_simple_itk_has_them(step: float, tmp_path: Path) -> None:
+    row, column, _ = turned((0.3, -0.4, 1.1))
+    tags: dict[str, Any] = {"PixelSpacing": [0.75, 0.5], "SpacingBetweenSlices": step, "SliceVector": [1, 2, 3, 4, 5]}
+    directions = [round(float(x), 8) for x in (*row, *column)]
+    detector = item(ImagePositionPatient=[5.0, -6.0, 7.0], ImageOrientationPatient=directions)
+    one = head(NUCLEAR, Modality="NM", DetectorInformationSequence=Items([detector]), **tags)
+    path = saved(tmp_path / "spect.dcm", with_pixels(one, VALUES.astype(np.uint16)))
+    image = sitk.ReadImage(str(path), imageIO="GDCMImageIO")
+    geometry = described(path).geometry
+    values = read_whole(path)
+    for index in ((0, 0, 0), (6, 0, 1), (2, 5, 4)):
+        i, j, k = index[0], index[1], index[2] if step > 0 else 4 - index[2]
+        expected = image.TransformIndexToPhysicalPoint(index)
+        assert geometry.physical((float(i), float(j), float(k))) == pytest.approx(
+            expected, rel=tolerances.GEOMETRY_PRINTED
+        )
+        assert values[k, j, i] == image[index] == VALUES[index[::-1]]
+
+
+def test_one_place_for_all_frames_is_told(tmp_path: Path) -> None:
+    one = head(SECONDARY, ImagePositionPatient=[1, 2, 3], ImageOrientationPatient=[1, 0, 0, 0, 1, 0])
+    one.PixelSpacing = [0.75, 0.5]
+    text = refused(saved(tmp_path / "film.dcm", with_pixels(one, VALUES)))
+    assert "has 5 frames and one place for all of them" in text
+
+
+def test_a_palette_is_told_to_be_left_out(tmp_path: Path) -> None:
+    for n, plane in enumerate(VALUES.astype(np.uint8)):
+        one = with_pixels(head(ImagePositionPatient=[0, 0, n], ImageOrientationPatient=[1, 0, 0, 0, 1, 0]), plane)
+        one.PixelSpacing, one.PhotometricInterpretation = [1, 1], "PALETTE COLOR"
+        saved(tmp_path / str(n), one)
+    assert "palette of colours is left out" in described(tmp_path).warnings[0]
+    np.testing.assert_array_equal(read_whole(tmp_path), VALUES.astype(np.uint8))
 
 
 def test_a_film_of_one_slice_is_no_volume(tmp_path: Path) -> None:

@@ -244,6 +244,39 @@ def test_times_are_slices_where_there_are_no_others(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_whole(path), VALUES)
 
 
+def test_many_channels_are_slices_where_there_are_no_others(tmp_path: Path) -> None:
+    """ImageJ calls the pages of a file without axes channels."""
+    path = tmp_path / "stack.tif"
+    tifffile.imwrite(path, VALUES, imagej=True, metadata={"axes": "CYX"})
+    assert "its 6 channels are taken as slices" in described(path).warnings[0]
+    np.testing.assert_array_equal(read_whole(path), VALUES)
+    tifffile.imwrite(path, VALUES[:4], imagej=True, metadata={"axes": "CYX"})
+    assert "a 2-D image of 4 channels of 40 x 33, no slices" in refused(path)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw"])
+def test_a_palette_is_told_to_be_left_out(compression: str | None, tmp_path: Path) -> None:
+    colours = np.arange(3 * 256, dtype=np.uint16).reshape(3, 256)
+    values = values_of("uint8")
+    how: dict[str, Any] = {"photometric": "palette", "colormap": colours, "compression": compression}
+    path = saved(tmp_path / "v.tif", values, **how)
+    (tmp_path / "slices").mkdir()
+    for n, plane in enumerate(values):
+        saved(tmp_path / "slices" / f"{n}.tif", plane, **how)
+    for name in (path, tmp_path / "slices"):
+        np.testing.assert_array_equal(read_whole(name), values)
+        assert any("palette of colours is left out" in one for one in described(name).warnings)
+
+
+def test_a_palette_that_only_openimageio_unpacks_is_refused_lest_colours_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    colours = np.arange(3 * 256, dtype=np.uint16).reshape(3, 256)
+    path = saved(tmp_path / "v.tif", values_of("uint8"), photometric="palette", colormap=colours, compression="lzw")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install imagecodecs" in refused(path)
+
+
 def test_imagej_writes_one_page_for_a_large_stack(tmp_path: Path) -> None:
     path = tmp_path / "stack.tif"
     head = f"ImageJ=1.53\nimages={len(VALUES)}\nslices={len(VALUES)}\nspacing=2.0\nunit=mm\n"

@@ -12,7 +12,7 @@ from pydicom.uid import UID
 
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 
-CT, MR, PET, SECONDARY = (f"1.2.840.10008.5.1.4.1.1.{n}" for n in ("2", "4", "128", "7"))
+CT, MR, PET, SECONDARY, NUCLEAR = (f"1.2.840.10008.5.1.4.1.1.{n}" for n in ("2", "4", "128", "7", "20"))
 ENHANCED_MR = "1.2.840.10008.5.1.4.1.1.4.1"
 STRUCTURED_REPORT = "1.2.840.10008.5.1.4.1.1.88.11"
 LITTLE, BIG = "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"
