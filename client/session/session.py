@@ -307,8 +307,8 @@ class Session:
         Raises BadInput if there is no such voxel or the file cannot be read, and PeerLost if the session has ended.
         """
         index, within = checked_index(index), checked_number(within, "within", least=0.0)
-        if self._in_memory is not None:
-            self._in_memory.check_open()
+        if (in_memory := self._in_memory) is not None:
+            in_memory.check_open()
         answer = self._ask_about(lambda number: VoxelAsked(number, index))
         try:
             found = answer.result(min(within, threading.TIMEOUT_MAX))
@@ -382,6 +382,7 @@ class Session:
         self._links.close()
         self._servers.release()
         self._coordination.fail(PeerLost("the session is closed"))
+        self._in_memory = None
         if self._tracer is not None:
             self._tracer.close()
 

@@ -20,6 +20,7 @@ from volsplat.client.ui.notebook_controls import ControlsTalk
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.saving import image_bytes
 from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.viewport_talk import ViewportTalk
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
@@ -54,12 +55,16 @@ def modules_from(*starts: str) -> dict[str, str]:
 class VolumeWidget(anywidget.AnyWidget):
     """One viewport of a session. `scene` follows the hand, and may be set."""
 
-    _esm = STATIC / "notebook" / "notebook.js"
+    _esm = (STATIC / "notebook" / "notebook.js").read_text(
+        "utf-8"
+    )  # anywidget watches a Path, and keeps each widget for it
     _css = "".join((STATIC / name).read_text("utf-8") for name in (*STYLES, *CONTROLS_STYLES))
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
     controls = traitlets.Bool(False, help="whether steps and tables are beside it").tag(sync=True)
     scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn; BadInput for what is no scene")
+
+    _viewing: Viewing | None = None  # before it is opened, and once it is closed
 
     def __init__(
         self, session: Session, scene: Scene | None = None, controls: bool = False, height: int = HEIGHT
@@ -91,8 +96,11 @@ class VolumeWidget(anywidget.AnyWidget):
 
     def _still(self) -> bytes | None:
         """The scene's finished picture as PNG, while a hand moves it the last one; None if it cannot be drawn."""
-        loop = self._viewing.loop
-        if self._viewing.model.now.settled:  # else what settles it is heard only after this
+        viewing = self._viewing
+        if viewing is None:
+            return None
+        loop = viewing.loop
+        if viewing.model.now.settled:  # else what settles it is heard only after this
             with loop.between_pictures():
                 picture = loop.shown
         else:
@@ -100,35 +108,38 @@ class VolumeWidget(anywidget.AnyWidget):
         if picture is None:
             return None
         pixels, scene = picture.published_in_full_size.pixels, picture.state.scene
-        return image_bytes(pixels, scene, "png", self._viewing.volume.description)
+        return image_bytes(pixels, scene, "png", viewing.volume.description)
 
     def close(self) -> None:
-        """End the drawing; the session goes on."""
-        if self.comm is None:  # closed: this is called once more when nobody has it any longer
+        """End the drawing; the session goes on. A notebook may hold on to its outputs: pictures are let go of here."""
+        if self._viewing is None:  # this is called once more when nobody has it any longer
             return
         self._viewing.loop.close()
-        for view in self._views.values():
-            view.end()
+        while self._views:
+            self._views.popitem()[1].end()
         super().close()
+        self._viewing = None
 
     def _heard(self, widget: VolumeWidget, content: dict[str, Any], buffers: list[bytes]) -> None:
+        if self._viewing is None:
+            return
         name = content["view"]
         opened = content.get("text", "") is None  # anew perhaps
         if (opened or content.get("closed", False)) and name in self._views:
             self._views.pop(name).end()
         if opened:
-            self._views[name] = self._view(name)
+            self._views[name] = self._view(self._viewing, name)
             self._views[name].begin()
         elif name in self._views:
             self._views[name].heard(content)
 
-    def _view(self, name: str) -> _View:
-        viewport = ViewportTalk(self._viewing, name, lambda message: self._tell(name, message))
+    def _view(self, viewing: Viewing, name: str) -> _View:
+        viewport = ViewportTalk(viewing, name, lambda message: self._tell(name, message))
         if not self.controls:
             return _View(viewport)
         return _View(
             viewport,
-            ControlsTalk(self._viewing, name, lambda content: self.send({"view": name, "controls": content})),
+            ControlsTalk(viewing, name, lambda content: self.send({"view": name, "controls": content})),
         )
 
     def _tell(self, view: str, message: str | bytes) -> None:
@@ -142,7 +153,7 @@ class VolumeWidget(anywidget.AnyWidget):
 
     def _on_scene_set(self, change: dict[str, Any]) -> None:
         scene: Scene = change["new"]
-        if scene != self._viewing.model.scene:
+        if self._viewing is not None and scene != self._viewing.model.scene:
             self._viewing.model.change(lambda _: msgspec.structs.replace(scene), by="notebook")
 
 

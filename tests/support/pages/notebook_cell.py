@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
 from volsplat.client.ui.notebook_widget import VolumeWidget
 
@@ -50,7 +50,8 @@ class NotebookCell:
         self.page = page
         self._said: queue.SimpleQueue[tuple[Any, list[str]]] = queue.SimpleQueue()
         self._loop = asyncio.new_event_loop()
-        threading.Thread(target=self._loop.run_forever, name="kernel", daemon=True).start()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="kernel", daemon=True)
+        self._thread.start()
         self.widget = self.kernel(lambda: self._made(session, options))
         page.expose_function("toKernel", self._heard)
         html = '<!doctype html><meta charset="utf-8"><div id="cell" style="width: 1200px"></div>'
@@ -82,6 +83,8 @@ class NotebookCell:
         wait_until(lambda: self.kernel(lambda: self.widget._views == {}), "closed in the kernel as well")
         self.kernel(self.widget.close)
         self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(PATIENCE)
+        self._loop.close()
 
     def _made(self, session: Session, options: dict[str, Any]) -> VolumeWidget:
         said = self._said

@@ -7,6 +7,7 @@ import base64
 import gc
 import json
 import re
+import weakref
 from collections.abc import Awaitable, Callable
 from io import BytesIO
 from pathlib import Path
@@ -19,6 +20,7 @@ import traitlets
 from PIL import Image
 
 from volsplat.client import Session
+from volsplat.client.memory.array_volume import Volume
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.notebook_widget import VolumeWidget, modules_from
@@ -86,6 +88,44 @@ def test_a_widget_may_be_closed_more_than_once(tmp_path: Path) -> None:
         notebook.widget.close()
 
     in_notebook(tmp_path, use)
+
+
+def test_what_a_closed_widget_showed_is_let_go_though_a_notebook_keeps_its_output(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        await notebook.picture(lambda header: bool(header["last"]) and header["width"] == 40)
+        viewing = weakref.ref(notebook.widget._viewing)
+        assert viewing() is not None
+        notebook.widget.close()
+        notebook.says({"type": "size", "width": 50, "height": 30})
+        notebook.widget.scene = notebook.widget.scene.with_(zoom=3.0)
+        assert notebook.widget._still() is None
+        gc.collect()
+        assert viewing() is None
+
+    in_notebook(tmp_path, use)
+
+
+def test_a_closed_widget_that_nobody_keeps_is_gone(tmp_path: Path) -> None:
+    write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", (16, 16, 16)))
+
+    async def run() -> None:
+        with Session(tmp_path / "shells.nrrd", workers=1) as session:
+            widget = session.widget()
+            gone = weakref.ref(widget)
+            widget.close()
+            del widget
+            gc.collect()
+            assert gone() is None
+
+    asyncio.run(run())
+
+
+def test_a_closed_session_gives_its_array_back(tmp_path: Path) -> None:
+    session = Session(Volume(np.zeros((8, 8, 8), np.uint8), spacing=(1, 1, 1)), workers=1)
+    shared = weakref.ref(session._in_memory)
+    session.close()
+    gc.collect()
+    assert shared() is None and "closed" in repr(session)
 
 
 def test_the_hand_moves_the_trait_and_the_trait_the_picture(tmp_path: Path) -> None:
