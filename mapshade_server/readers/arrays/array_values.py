@@ -58,6 +58,8 @@ def plain_values(whole: str, dtype: DType) -> ArrayValues:
         return ArrayValues(np.dtype(np.float16), "float32")
     if dtype.name not in SCALAR_TYPES:
         what = f"complex numbers ({dtype.name})" if dtype.kind == "c" else f"voxels of type {dtype.name}"
+        if dtype.kind == "f":
+            raise BadInput(f"{whole}: has {what}, which is not read; save it as float64, as by astype('float64')")
         if dtype.names:
             what = f"voxels of several fields ({', '.join(dtype.names)})"
         raise BadInput(f"{whole}: has {what}, volsplat needs one real number a voxel; export its magnitude or one part")

@@ -110,7 +110,7 @@ def open_segy(path: Path, part: str) -> OpenedVolume:
         if not len(file.samples):
             raise BadInput(f"{path}: its binary header states traces of no samples; correct bytes 3221 and 3222")
         grid = trace_grid(source, file)
-        spots, units = _spots(path, file, grid)
+        spots, units, nowhere = _spots(path, file, grid)
         interval, notes = _interval(path, file)
         start, samples = float(file.samples[0]), len(file.samples)
         in_feet = file.bin[MEASUREMENT_SYSTEM] == FEET
@@ -118,6 +118,9 @@ def open_segy(path: Path, part: str) -> OpenedVolume:
     vertical = Vertical(start, interval, said.in_depth, said.velocity)
     inlines, crosslines = grid.inlines, grid.crosslines
     place = placed(path, (samples, crosslines.count, inlines.count), spots, units, vertical, in_feet)
+    if nowhere:
+        looked = len(spots) + nowhere
+        notes.append(f"{nowhere} of {looked} traces looked at have no coordinates: the survey lies by the others")
     if grid.missing:
         notes.append(f"{grid.missing} of {grid.traces.size} traces of the grid are not in the file and hold no data")
     description = VolumeDescription(
@@ -201,10 +204,10 @@ def _byte_order(path: Path) -> ByteOrder:
     raise BadInput(f"{path}: its binary header states no format of samples; it is no SEG-Y file or a damaged one")
 
 
-def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int]:
+def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int, int]:
     """Where some traces lie on the map, by the first coordinates that are filled in, and the code of their unit.
 
-    At 0, 0 lies none: dead traces often have no others.
+    At 0, 0 lies none, since dead traces often have no others: how many of these there are, if there are spots.
     Raises BadInput if the traces do not begin together, which a grid cannot hold.
     """
     places = list(sampled(grid))
@@ -221,8 +224,8 @@ def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int]:
             spots = [
                 Spot(j, k, _scaled(header[x], header[1]), _scaled(header[y], header[1])) for (k, j), header in filled
             ]
-            return spots, filled[0][1][2]
-    return [], 0
+            return spots, filled[0][1][2], len(places) - len(spots)
+    return [], 0, 0
 
 
 def _scaled(coordinate: int, scalar: int) -> float:

@@ -19,6 +19,7 @@ from volsplat.protocol.text.errors import BadInput
 # Where programs put the numbers, other than at 189 and 193; named to a person whose file has a grid there.
 OTHER_PLACES = ((9, 21), (5, 21), (9, 13), (17, 13), (17, 21), (181, 185))
 SPARSE = 0.05  # share of the grid, below which numbers are no grid's
+FEW_DOUBLED = 1.2  # traces a place: more are gathers, and not one trace or another that was written twice
 SPOTS_A_SIDE = 9  # traces that stand for the whole survey
 ByteOrder = Literal["big", "little"]
 Place = tuple[int, int]  # inline, crossline, as indices of the grid
@@ -136,8 +137,16 @@ def _spread(
     cells = (inlines - rows.first) // rows.step * columns.count + (crosslines - columns.first) // columns.step
     spread = np.full(rows.count * columns.count, -1, np.int32)
     spread[cells] = traces
-    if (alone := int(np.count_nonzero(spread >= 0))) < len(traces):
+    alone = int(np.count_nonzero(spread >= 0))
+    if len(traces) > FEW_DOUBLED * alone:
         raise _pre_stack(source, f"{len(traces) / alone:.3g} traces on average")
+    if len(traces) > alone:
+        n = int(np.flatnonzero(spread[cells] != traces)[0])
+        pair = f"{traces[n]} and {spread[cells[n]]} both at inline {inlines[n]} and crossline {crosslines[n]}"
+        raise BadInput(
+            f"{source.path}: its {len(traces)} traces lie at {alone} places, as {pair}; remove copies, "
+            "or stack the survey if it has gathers"
+        )
     return TraceGrid(rows, columns, spread.reshape(rows.count, columns.count))
 
 

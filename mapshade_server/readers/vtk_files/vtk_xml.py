@@ -15,6 +15,8 @@ from volsplat.mapshade_server.readers.vtk_files.vtk_choice import NamedArray
 from volsplat.protocol.text.errors import BadInput
 
 GRIDS = ("ImageData", "RectilinearGrid")
+NAMES_FILE = ("file", "Source")  # attributes by which a file of others names them
+READ = (".vti", ".vtr")
 ARRAYS_IN = ("PointData", "CellData", "Coordinates")
 PARSED_CHUNK = 1 << 16
 SCALAR_TYPES = {
@@ -50,6 +52,7 @@ class VtkXml:
     active: dict[str, str] = field(default_factory=dict)
     arrays: list[VtkElement] = field(default_factory=list)
     coordinates: list[VtkElement] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)  # of other files
     appended: Attributes | None = None
     appended_start: int = -1  # of the first byte behind the `_`
 
@@ -95,6 +98,7 @@ class _Parsing:
             self.xml.appended = attributes
             self.xml.appended_start = self._parser.CurrentByteIndex
             raise _AppendedReached
+        self.xml.names += (attributes[key] for key in NAMES_FILE if key in attributes)
         if not inside:
             self.xml.file = attributes
         elif name == "Piece":
@@ -140,6 +144,10 @@ def vtk_xml(path: Path) -> VtkXml:
     """What the XML says. Raises BadInput if it is damaged or describes no image or grid in one piece."""
     xml = _Parsing(path).run()
     kind = xml.file.get("type", "")
+    images = [name for name in xml.names if name.lower().endswith(READ)]
+    if kind not in GRIDS and images:
+        count = f"{len(images)} files; give one of them, as" if len(images) > 1 else "1 file; give it:"
+        raise BadInput(f"{path}: holds VTK's {kind}, a list of {count} {path.parent / images[0]}")
     if kind not in GRIDS:
         raise BadInput(f"{path}: holds VTK's {kind or 'nothing'}, volsplat reads ImageData; resample it to an image")
     stated = [xml.grid.get("WholeExtent", ""), *(piece.get("Extent", "") for piece in xml.pieces)]

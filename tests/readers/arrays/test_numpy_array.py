@@ -206,6 +206,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "nested": (lambda d: with_header(d / "v.npy", "(" * 110), "header cannot be read"),
     "objects": (lambda d: objects(d / "v.npy"), "pickled Python objects, which are never loaded"),
     "complex": (lambda d: saved(d / "v.npy", NOISE.astype(np.complex64)), "has complex numbers (complex64)"),
+    "long double": (lambda d: saved(d / "v.npy", NOISE.astype(np.longdouble)), "save it as float64"),
     "structure": (
         lambda d: saved(d / "v.npy", np.zeros((2, 2, 2), [("r", "u1"), ("g", "u1")])),
         "voxels of several fields (r, g)",

@@ -348,6 +348,12 @@ def cut(path: Path, share: float) -> Path:
     return path
 
 
+def listing(folder: Path, kind: str, files: str) -> Path:
+    path = folder / "list.xml"
+    path.write_text(f'<?xml version="1.0"?><VTKFile type="{kind}" version="0.1"><{kind}>{files}</{kind}></VTKFile>')
+    return path
+
+
 INT = values_of("int32")
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "mesh": (lambda d: by_hand(d, "STRUCTURED_POINTS", "POLYDATA"), "holds VTK's POLYDATA, volsplat reads"),
@@ -364,6 +370,18 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
         "states 2100000000000 values",
     ),
     "text as number": (lambda d: by_hand(d, "3 4 5", "3 four 5"), "are not all numbers of type float32"),
+    "a series": (
+        lambda d: listing(d, "Collection", '<DataSet timestep="0" file="a.vti"/><DataSet timestep="1" file="b.vti"/>'),
+        "holds VTK's Collection, a list of 2 files; give one of them, as ",
+    ),
+    "an image in pieces": (
+        lambda d: listing(d, "PImageData", '<Piece Extent="0 1 0 1 0 1" Source="a_0.vti"/>'),
+        "list.xml: holds VTK's PImageData, a list of 1 file; give it: ",
+    ),
+    "meshes": (
+        lambda d: listing(d, "vtkMultiBlockDataSet", '<DataSet index="0" file="a.vtp"/>'),
+        "holds VTK's vtkMultiBlockDataSet, volsplat reads ImageData; resample",
+    ),
     "planes to and fro": (
         lambda d: legacy(d / "v.vtk", rectilinear(INT, (np.array([0, 1, 2, 3, 2, 5, 6.0]), *EVEN[1:]))),
         "its x coordinates do not go one way",
