@@ -46,8 +46,9 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, no_room
-from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, no_room
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import type_without_hidden, without_hidden
+from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -74,7 +75,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
     with _opened(path) as file:
         refuse_outside(path)
         if (image := image_in(chosen, file)) is not None:
-            return _image(chosen, image, file[image.path])
+            return _image(chosen, image, file)
         name, dataset, parts = _dataset(chosen, file)
         chosen = chosen._replace(path=name)
         _check_readable(chosen, dataset)
@@ -108,24 +109,31 @@ def _picks(path: Path, name: str) -> Pick:
     return pick
 
 
-def _image(part: ArrayPart, image: Hdf5Image, dataset: Any) -> OpenedVolume:
+def _image(part: ArrayPart, image: Hdf5Image, file: Any) -> OpenedVolume:
     """The reader for an image that says its place in its program's way."""
-    part = part._replace(path=image.path)
-    _check_readable(part, dataset)
+    for path in filter(None, (image.ghosts, image.path)):
+        part = part._replace(path=path)
+        _check_readable(part, file[path])
+    dataset = file[image.path]
     values = plain_values(part.whole, dataset.dtype)
     description = VolumeDescription(
         name=Path(part.place).name,
         format=image.format,
         geometry=image.geometry,
-        scalar_type=values.scalar_type,
+        scalar_type=type_without_hidden(values.scalar_type) if image.ghosts else values.scalar_type,
         unit=image.unit,
         anatomical=image.anatomical,
         density_name=image.density_name,
         warnings=tuple(_told_missing(dataset)),
     )
+    pick, pick_ghosts = (_picks(Path(part.place), path) for path in (image.path, image.ghosts))
 
-    pick = _picks(Path(part.place), image.path)
-    return OpenedVolume(description, lambda box: values.of(pick(image.selection(box))), parts=image.parts)
+    def read(box: Box) -> Voxels:
+        selection = image.selection(box)
+        voxels = values.of(pick(selection))
+        return without_hidden(voxels, pick_ghosts(selection), image.of_cells) if image.ghosts else voxels
+
+    return OpenedVolume(description, read, parts=image.parts)
 
 
 @contextmanager

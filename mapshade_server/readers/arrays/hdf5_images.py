@@ -17,6 +17,7 @@ from volsplat.mapshade_server.readers.arrays.array_volume import array_told
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, refuse_vectors
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import GHOST_TYPE, GHOSTS
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.length_units import length_unit
@@ -28,7 +29,10 @@ IMARIS_DATA = re.compile(r"/?DataSet/ResolutionLevel (\d+)/TimePoint (\d+)/Chann
 
 @dataclass(frozen=True)
 class Hdf5Image:
-    """A dataset by its path, where its voxels lie, and what is known of them; `frame` is its first index, if it has."""
+    """A dataset by its path, where its voxels lie, and what is known of them; `frame` is its first index, if it has.
+
+    `ghosts` is the path of what tells which of its voxels are hidden, "" if nothing does.
+    """
 
     path: str
     format: str
@@ -38,6 +42,8 @@ class Hdf5Image:
     unit: str = ""
     anatomical: bool = False
     parts: Sequence[Part] = ()  # that could be taken in its place
+    ghosts: str = ""
+    of_cells: bool = False
 
     def selection(self, box: Box) -> tuple[int | slice, ...]:
         """What to index the dataset with to have the voxels of `box`, as (k, j, i)."""
@@ -96,16 +102,29 @@ def _of_vtk(part: ArrayPart, group: Any) -> Hdf5Image:
     part.check_known(() if steps is None else ("t",))
     points = _vtk_grid(part, group)
     cells = grid_of_cells(Path(part.place), points)
-    dataset = _vtk_array(part, arrays, 3 if steps is None else 4)
-    others = [one for one in arrays.values() if len(one.shape) == dataset.ndim]
-    geometry = cells if dataset.parent.name.endswith("CellData") else points
+    named = {name: one for name, one in arrays.items() if not name.endswith(f"/{GHOSTS}")}
+    dataset = _vtk_array(part, named, 3 if steps is None else 4)
+    others = [one for one in named.values() if len(one.shape) == dataset.ndim]
+    of_cells = dataset.parent.name.endswith("CellData")
+    geometry = cells if of_cells else points
     if tuple(dataset.shape[-3:]) != geometry.dims[::-1]:
         shown = " x ".join(str(n) for n in dataset.shape)
         raise BadInput(f"{part.whole}: {dataset.name} is {shown}, not as its extent has it; save it again")
-    format_name = "VTKHDF image, values of cells" if geometry is cells else "VTKHDF image"
+    format_name = "VTKHDF image, values of cells" if of_cells else "VTKHDF image"
     frame = None if steps is None else _chosen(part, "t", dataset.shape[0], [])
     parts = [array_told(one.name, one.shape) for one in others] if _is_silent(part) and len(others) > 1 else ()
-    return Hdf5Image(dataset.name, format_name, geometry, dataset.name.rpartition("/")[2], frame, parts=parts)
+    ghosts = f"{dataset.parent.name}/{GHOSTS}"
+    hides = ghosts in arrays and (arrays[ghosts].shape, arrays[ghosts].dtype.name) == (dataset.shape, GHOST_TYPE)
+    return Hdf5Image(
+        dataset.name,
+        format_name,
+        geometry,
+        dataset.name.rpartition("/")[2],
+        frame,
+        parts=parts,
+        ghosts=ghosts if hides else "",
+        of_cells=of_cells,
+    )
 
 
 def _is_silent(part: ArrayPart) -> bool:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import GHOST_TYPE, GHOSTS
 from volsplat.protocol.text.errors import BadInput
 
 ASSOCIATIONS = ("PointData", "CellData")  # as VTK calls what arrays belong to
-GHOSTS = "vtkGhostType"  # of each point or cell, whether it is hidden, and what else it is
 
 
 @dataclass
@@ -66,7 +66,7 @@ def parts_of_arrays(part: str, arrays: Sequence[NamedArray]) -> list[Part]:
 def ghosts_of(array: NamedArray, arrays: Sequence[AnyArray]) -> AnyArray | None:
     """What tells which of the points or cells of an array are hidden, None if nothing does."""
     found = (one for one in arrays if one.name == GHOSTS and one.association == array.association)
-    return next((one for one in found if one.components == 1 and one.scalar_type == "uint8"), None)
+    return next((one for one in found if one.components == 1 and one.scalar_type == GHOST_TYPE), None)
 
 
 def _without_ghosts(arrays: Sequence[AnyArray]) -> list[AnyArray]:

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, unevenness
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import type_without_hidden, without_hidden
 from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 EVEN = 1e-3  # of a step: rounding of the number of planes
 MOST_GROWTH = 4  # of the planes along an axis
-HIDDEN_POINT, HIDDEN_CELL = 2, 32  # bits of VTK's vtkDataSetAttributes
 
 Places = NDArray[np.float64]
 
@@ -45,21 +45,15 @@ class GridArray:
     @property
     def drawn_type(self) -> str:
         """The type of what is drawn, which can hold that there is nothing."""
-        return self.scalar_type if self.ghosts is None else np.result_type(self.scalar_type, np.float32).name
+        return self.scalar_type if self.ghosts is None else type_without_hidden(self.scalar_type)
 
-    def shown(self, dims: Index) -> ReadBox:
+    def reads(self, dims: Index) -> ReadBox:
         """What reads the values, NaN where they are hidden."""
         read = self.reader(dims)
         if self.ghosts is None:
             return read
-        ghosts, hidden = self.ghosts(dims), HIDDEN_CELL if self.of_cells else HIDDEN_POINT
-
-        def shown(box: Box) -> Voxels:
-            voxels: Voxels = read(box).astype(self.drawn_type)
-            voxels[ghosts(box) & hidden != 0] = np.nan
-            return voxels
-
-        return shown
+        ghosts = self.ghosts(dims)
+        return lambda box: without_hidden(read(box), ghosts(box), self.of_cells)
 
 
 def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArray[Any]]) -> OpenedVolume:
@@ -67,11 +61,11 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
     warnings: tuple[str, ...] = ()
     if isinstance(points, Geometry):
         kind, geometry = "image", grid_of_cells(path, points) if array.of_cells else points
-        read = array.shown(geometry.dims)
+        read = array.reads(geometry.dims)
     else:
         kind, places = "rectilinear grid", [_middles(one) for one in points] if array.of_cells else points
         i, j, k = (even_axis(path, name, one) for name, one in zip("xyz", places, strict=True))
-        read = EvenGrid((i, j, k), array.shown((len(places[0]), len(places[1]), len(places[2])))).read
+        read = EvenGrid((i, j, k), array.reads((len(places[0]), len(places[1]), len(places[2])))).read
         geometry = checked_geometry(
             path, (i.planes, j.planes, k.planes), (i.step, j.step, k.step), (i.first, j.first, k.first)
         )

@@ -146,6 +146,21 @@ def test_a_moment_of_a_vtkhdf_series_is_chosen(tmp_path: Path) -> None:
         open_volume(str(path))
 
 
+def test_what_a_vtkhdf_image_hides_is_no_data(tmp_path: Path) -> None:
+    path = vtkhdf(tmp_path / "volume.vtkhdf", vtk_image())
+    points, cells = np.ones(VALUES.shape, np.uint8), np.ones((4, 5, 6), np.uint8)
+    points.ravel()[::5] |= 2
+    cells.ravel()[::3] |= 32
+    with h5py.File(path, "a") as file:
+        file["VTKHDF/PointData/vtkGhostType"], file["VTKHDF/CellData/vtkGhostType"] = points, cells
+    expected = np.where(points & 2, np.nan, VALUES)
+    np.testing.assert_array_equal(read_whole(path), expected)
+    assert described(path).scalar_type == "float32"
+    np.testing.assert_array_equal(open_volume(str(path)).read(Box((1, 2, 0), (5, 4, 3))), expected[0:3, 2:4, 1:5])
+    np.testing.assert_array_equal(read_whole(f"{path}#mass").ravel(), [np.nan if n % 3 == 0 else n for n in range(120)])
+    assert "vtkGhostType" not in str(open_volume(str(path)).parts)
+
+
 def test_what_lost_partitions_of_a_vtkhdf_image_held_is_told(tmp_path: Path) -> None:
     """As VTK writes partitions into files of their own."""
     path, sheets = vtkhdf(tmp_path / "volume.vtkhdf", vtk_image()), (2, DIMS[2] - 2)
