@@ -14,6 +14,7 @@ from volsplat.client.caller.own_frames import level_of_caller
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure, check_figure
+from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_source import UNPLACED
 from volsplat.client.memory.array_volume import Volume
@@ -40,6 +41,10 @@ class UnsuitedPreset(UserWarning):
 
 class VolumeNote(UserWarning):
     """What had to be assumed of a volume, or is odd about it: what the command prints as notes."""
+
+
+class EmptyImage(UserWarning):
+    """Nothing is visible in an image: it may be meant, or a table, the window or the view may have gone wrong."""
 
 
 @overload
@@ -199,6 +204,8 @@ def _rendered(
 
         wanted = sized(figure, wanted, of)
     image = RenderedImage(renderer.finish(wanted, step).published, wanted, of, renderer.path)
+    if why := why_empty(image.numpy(), wanted):
+        warnings.warn(why, EmptyImage, stacklevel=level_of_caller())
     return image if figure is None else RenderedFigure(image, figure, of)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from volsplat.client.memory.array_volume import Volume as Volume
     from volsplat.client.scene.colour_maps import colormap as colormap
     from volsplat.client.scene.presets import PRESETS as presets
+    from volsplat.client.script.plotting import EmptyImage as EmptyImage
     from volsplat.client.script.plotting import UnsuitedPreset as UnsuitedPreset
     from volsplat.client.script.plotting import VolumeNote as VolumeNote
     from volsplat.client.script.plotting import export as export
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 _ROOMS = {
     "BadInput": "volsplat.protocol.text.errors",
+    "EmptyImage": "volsplat.client.script.plotting",
     "Figure": "volsplat.client.figure.figure",
     "FrameGivenUp": "volsplat.client.session.asked_frames",
     "OrientationUnknown": "volsplat.client.memory.array_volume",
@@ -60,6 +62,7 @@ _OTHERWISE = {"open": "Session", "presets": "PRESETS"}  # as they are called at 
 __all__ = [
     "__version__",
     "BadInput",
+    "EmptyImage",
     "Figure",
     "FrameGivenUp",
     "OrientationUnknown",

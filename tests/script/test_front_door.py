@@ -153,6 +153,13 @@ def test_a_preset_that_does_not_suit_the_values_is_drawn_with_a_warning_at_the_c
     assert [warning.filename for warning in told] == [__file__]
 
 
+def test_an_image_that_shows_nothing_is_drawn_with_a_warning_that_says_why() -> None:
+    mask = vs.Volume(np.arange(512).reshape(8, 8, 8) < 256, spacing=(1, 1, 1))
+    with pytest.warns(vs.EmptyImage, match="nothing is visible: the tables leave all") as told:
+        assert not vs.render(mask, "depth-cue", size=16).numpy().any()
+    assert [warning.filename for warning in told] == [__file__]
+
+
 def test_a_session_that_is_open_is_drawn_by(image: vs.RenderedImage) -> None:
     with vs.open(BALL, workers=1, threads=1) as session:
         drawn = vs.render(session, image.scene)
