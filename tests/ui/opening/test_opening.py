@@ -1,6 +1,8 @@
 """Opening another volume without a page: who is asked what lies in folders, what is refused, and what stays then."""
 
 import asyncio
+import gc
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +10,8 @@ from typing import Any
 
 import msgspec
 import pytest
+from nicegui import Client, ui
+from starlette.requests import Request
 
 from support.messages.coordinated import (
     FIRST,
@@ -21,6 +25,7 @@ from support.messages.coordinated import (
     sent,
     surveyed,
 )
+from support.patience import wait_until
 from volsplat.client import Session
 from volsplat.client.coordinator.coordinator_events import (
     Answer,
@@ -34,6 +39,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.opening.opening import Opening, Place, place_below
 from volsplat.client.ui.opening.shown_volume import ShownVolume
+from volsplat.client.ui.page import page
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -174,6 +180,29 @@ def test_a_volume_that_is_opened_again_is_as_it_was_left_and_undo_begins_with_it
         await opened.opening.open(HEAD, keep_tables=False)
         assert opened.name == "head.nrrd" and opened.viewing.model.scene == left
         assert opened.opening.recent == [HEAD, PROTEIN]
+
+    opened.within(work)
+
+
+def test_nothing_is_kept_of_volumes_that_were_shown_once_their_pages_are_gone(opened: Opened) -> None:
+    request = Request({"type": "http", "path": "/", "headers": [], "query_string": b"", "session": {}})
+    shown: list[weakref.ref[Viewing]] = []
+
+    def none_is_left() -> bool:
+        gc.collect()
+        return not any(viewing() for viewing in shown)
+
+    async def open_from_a_page(place: Place) -> None:
+        shown.append(weakref.ref(opened.viewing))
+        with Client(ui.page("/"), request=request) as client:
+            page(opened.viewing, opened.shown.restart, opened.opening)
+        await opened.opening.open(place, keep_tables=False)
+        client.delete()
+
+    async def work() -> None:
+        for place in (PROTEIN, HEAD, PROTEIN):
+            await open_from_a_page(place)
+        await asyncio.to_thread(wait_until, none_is_left, "what was shown before is let go")
 
     opened.within(work)
 
