@@ -14,6 +14,7 @@ from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.want_of_threads import CURE
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.heartbeat import HELD, Heartbeat
@@ -74,6 +75,7 @@ class DataLinks:
         self._traces = False  # whether the client reads clocks, as who wants traces does
         self._spans: dict[int, FrameSpans] = {}  # by frame: batches may come before theirs begins
         self._noting = threading.Lock()  # guards _spans
+        self._unserved: Exception | None = None  # why a link has found no thread since the frame began
         self._rooms = BufferPool()  # for batches that come coded
         self._receivers: set[threading.Thread] = set()  # begun by the accepting thread alone
         self._accepting = threading.Thread(target=self._accept, name="accept data links", daemon=True)
@@ -106,9 +108,15 @@ class DataLinks:
             link.close()
 
     def begin_frame(self) -> None:
-        """Forget for how long workers were held back before."""
+        """Forget for how long workers were held back before, and who found no thread."""
         with self._lock:
             self._held_back.clear()
+            self._unserved = None
+
+    def check_served(self) -> None:
+        """Raises RuntimeError where a worker has come since the frame began for whom there was no thread."""
+        if self._unserved is not None:
+            raise self._unserved
 
     def trace(self) -> None:
         """From now on note what is done with each frame's batches."""
@@ -213,8 +221,10 @@ class DataLinks:
             receiver.start()
             self._receivers.add(receiver)
         except RuntimeError as error:  # the system has no thread left to give
-            self._listener.lines.warn(f"{link} is dropped: {error}")
+            self._listener.lines.warn(f"{link} is dropped: {CURE}")
+            self._unserved = error
             self._lose(link)
+            self._news.ring()
 
     def _serve(self, link: Connection) -> None:
         try:

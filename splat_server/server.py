@@ -136,6 +136,7 @@ class SplatServer:
         if not self._drawing or assembly is None or request is None:
             return LOOK_SECONDS
         try:
+            self._data_links.check_served()
             complete = assembly.splat.complete
         except Exception as error:
             self._refuse_frame(request, error)

@@ -71,7 +71,10 @@ TRANSITIONS: dict[Side, dict[State, dict[tuple[Does, type[Message]], State]]] = 
         State.REJECTED: {},
     },
     Side.ACCEPTER: {
-        State.WAITING: {(Does.RECEIVES, Hello): State.GREETED},
+        State.WAITING: {
+            (Does.RECEIVES, Hello): State.GREETED,
+            (Does.RECEIVES, Rejected): State.REJECTED,
+        },
         State.GREETED: {
             (Does.SENDS, Challenge): State.CHALLENGE_SENT,
             (Does.SENDS, Rejected): State.REJECTED,

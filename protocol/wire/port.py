@@ -18,6 +18,7 @@ from volsplat.protocol.messages.greetings import Rejected
 from volsplat.protocol.text.errors import BadInput, TooEarly, VolsplatError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.text.rare_lines import RareLines
+from volsplat.protocol.text.want_of_threads import CURE
 from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address, plain_host
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.encryption import Encryption
@@ -27,6 +28,7 @@ from volsplat.protocol.wire.unix_socket import is_ours, opened_door
 HANDSHAKE_SECONDS = 5.0
 MOST_PENDING = 64  # handshakes at a time
 BACKLOG = 1024  # callers that the system holds until they are taken; one too many tries again after a second, or later
+REFUSAL_SECONDS = 1.0  # for one that is told by the thread that accepts: others wait behind it
 SHORTAGE_PAUSE_SECONDS = 0.1  # when the system has no socket left to give
 HERE = Address(LOOPBACK, 0)  # of callers that come by the Unix socket
 
@@ -139,10 +141,21 @@ class Port:
             self._drop_oldest(f"{self._most_pending} handshakes are waiting at {self.address}")
         try:
             thread.start()
-        except RuntimeError as error:  # the system has no thread left to give
+        except RuntimeError:  # the system has no thread left to give
             with self._lock:
-                del self._pending[connection]
-            self.lines.warn(f"{connection} is dropped: {error}")
+                self._pending.pop(connection, None)
+            self._turn_away(connection, f"cannot take another connection: {CURE}")
+
+    def _turn_away(self, connection: Connection, cause: str) -> None:
+        """Tell a caller, by the thread that accepts and so in short, why it is not greeted."""
+        self.lines.warn(f"{connection} is turned away: this side {cause}")
+        connection.limit(min(self._handshake_seconds, REFUSAL_SECONDS))
+        try:
+            self._secure(connection)
+            connection.send(Rejected(cause))
+        except VolsplatError as error:
+            log.debug("%s was not told: %s", connection, error)
+        finally:
             connection.close()
 
     def _secure(self, connection: Connection) -> None:

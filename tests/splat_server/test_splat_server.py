@@ -4,7 +4,8 @@ import secrets
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from math import isclose
 from random import Random
 
@@ -39,6 +40,7 @@ from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import own_resolution
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.want_of_threads import CURE, NO_THREAD
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import new_buffer
@@ -683,23 +685,47 @@ def test_a_server_that_cannot_hear_the_client_any_more_ends(monkeypatch: pytest.
     bench.close()
 
 
-def test_a_link_for_which_there_is_no_thread_is_dropped_and_the_next_one_taken(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def first_links_find_no_thread(monkeypatch: pytest.MonkeyPatch) -> Callable[[], AbstractContextManager[None]]:
+    """Meanwhile a thread cannot be had for links of the first worker."""
     start = threading.Thread.start
 
     def starts(self: threading.Thread) -> None:
         if self.name.startswith(f"receive from {Role.DATA_LINK} {WORKERS[0]} "):
-            raise RuntimeError("can't start new thread")
+            raise RuntimeError(NO_THREAD)
         start(self)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(threading.Thread, "start", starts)
-        with bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
-            link.receive()
+    @contextmanager
+    def meanwhile() -> Iterator[None]:
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Thread, "start", starts)
+            yield
+
+    return meanwhile
+
+
+def test_a_link_for_which_there_is_no_thread_is_dropped_and_the_next_one_taken(
+    bench: Bench, first_links_find_no_thread: Callable[[], AbstractContextManager[None]]
+) -> None:
+    with first_links_find_no_thread(), bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
+        link.receive()
     bench.links[WORKERS[0]].close()  # it was replaced
     bench.link_anew(WORKERS[0])
     assert bench.draws(1, batches(slabs(0, 8, 16))).complete
+
+
+def test_a_frame_whose_worker_finds_no_thread_is_refused_with_the_cause(
+    bench: Bench, first_links_find_no_thread: Callable[[], AbstractContextManager[None]]
+) -> None:
+    bench.renders(1)
+    bench.control.send(messages.ReadProgress(frame=1))
+    bench.hears(messages.FrameProgress)  # it has begun
+    with first_links_find_no_thread(), bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
+        link.receive()
+    assert bench.hears(messages.Refused)[0] == messages.Refused("RenderFrame", CURE, frame=1, assignment=1)
+    bench.links[WORKERS[0]].close()
+    bench.link_anew(WORKERS[0])
+    assert bench.draws(2, batches(slabs(0, 8, 16))).complete
 
 
 def test_coded_batches_give_the_same_picture(bench: Bench) -> None:

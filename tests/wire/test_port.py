@@ -1,16 +1,28 @@
 """A port that is crowded drops who is still in the handshake, and nobody else; one that was closed can be had again."""
 
 import socket
+import sys
 import threading
 from contextlib import closing
 
+import pytest
+
 from support.patience import PATIENCE, wait_until
+from support.programs.little_memory import no_more_threads
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, PeerLost, TurnedAway, VolsplatError
+from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.encryption import Encryption
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.port import Port
+from volsplat.protocol.wire.tokens import new_token
+from volsplat.protocol.wire.waiting import WaitingPort
 
 HOST = "127.0.0.2"  # where there is no Unix socket beside the port
 
@@ -51,6 +63,44 @@ def test_a_port_can_be_had_again_at_once_though_connections_of_it_have_just_ende
                 assert accepted is not None
                 accepted.close()
                 assert caller.recv(1) == b""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
+@pytest.mark.parametrize("encryption", Encryption)
+def test_a_caller_for_whom_there_is_no_thread_hears_so_at_once(encryption: Encryption) -> None:
+    token = new_token()
+    with Listener(Role.SPLAT_SERVER, token, host=HOST, encryption=encryption) as listener:
+
+        def dial() -> Connection:
+            hello = new_hello(Role.DATA_LINK, server=7)
+            return connect(listener.address, hello, token, Role.SPLAT_SERVER, encryption=encryption)
+
+        dial().close()  # so that what a handshake needs is there
+        with no_more_threads(), pytest.raises(BadInput, match="rejected this side: .*ulimit -u"):
+            dial()
+        dial().close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
+def test_a_client_that_a_waiting_server_has_no_thread_for_hears_so() -> None:
+    token = new_token()
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(HOST, 0), token)) as port:
+        accepter, told = Accepter(Role.CLIENT, token), list[VolsplatError]()
+
+        def calls() -> Connection:
+            return call(
+                port.address,
+                "splat server",
+                accepter,
+                patience=0.0,
+                report=lambda _: None,
+                given_up=lambda: False,
+                failed=told.append,
+            )
+
+        with no_more_threads(), pytest.raises(PeerLost, match="cannot take another connection: .*ulimit -u"):
+            calls()
+        assert [type(error) for error in told] == [TurnedAway], "it may be called again"
 
 
 def _let_in(connection: Connection, address: Address) -> None:

@@ -1,6 +1,7 @@
 """Runs short of memory, on Linux."""
 
 import resource
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -16,3 +17,14 @@ def little_memory(more: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+@contextmanager
+def no_more_threads() -> Iterator[None]:
+    """The system gives this process no further thread meanwhile: its stack would not fit, nor one kept for reuse."""
+    before = threading.stack_size(1 << 30)
+    try:
+        with little_memory(256 << 20):
+            yield
+    finally:
+        threading.stack_size(before)
