@@ -136,6 +136,8 @@ def read_cluster(path: Path) -> Cluster:
 
 def read_cluster_text(path: Path) -> str:
     try:
+        if path.is_fifo():
+            raise BadInput(f"{path}: is a pipe, but a cluster file is read more than once; write it into a file")
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise BadInput(f"{path}: cannot read the cluster file: {error.strerror}; check its name") from error

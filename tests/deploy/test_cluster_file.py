@@ -1,6 +1,8 @@
 """Cluster files: what stands in them is read as it is meant, and whatever is wrong is one line that names the place."""
 
+import os
 import socket
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from support.programs.clusters import ordered
 from volsplat.deploy.cluster import orders
 from volsplat.deploy.cluster.orders import wanted_servers
-from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
+from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml, read_cluster
 from volsplat.deploy.launcher_keys import DaskKeys, KubernetesKeys, SlurmKeys, SshKeys
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import parse_address
@@ -326,3 +328,9 @@ def test_splat_servers_listen_where_they_are_advertised(advertise: str) -> None:
 def test_ports_that_are_advertised_must_be_there_for_each_splat_server() -> None:
     line = told(WHOLE.replace("splat-servers = 1", "splat-servers = 3").replace('"node1.lab"\n[', '"node1:65534"\n['))
     assert "machines[0].advertise: port 65534 leaves no room for 3 servers" in line
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "lab.toml")
+    with pytest.raises(BadInput, match="lab.toml: is a pipe, .* write it into a file"):
+        read_cluster(tmp_path / "lab.toml")
