@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from volsplat.client.files.temporary_name import take_mode, temporary_name
+from volsplat.client.files.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.client.files.whole_file import is_stream
 from volsplat.client.phantoms.centred_grid import Phantom
 from volsplat.protocol.description.kind import stated
@@ -53,9 +53,15 @@ PAGED = (".tif", ".tiff")  # a slice a page, and nothing that tells one slice fr
 SHEAR_TOLERANCE = 1e-5  # of the cosine between two grid axes
 
 
-def check_volume_writable(path: Path) -> None:
-    """Raises BadInput if `path` has no extension of a volume or cannot be written. Leaves nothing behind."""
-    extension_of(path)
+def written_at(path: Path) -> Path:
+    """Where the volume goes: to `path`, or where that leads as a link.
+
+    Raises BadInput if it has no extension of a volume or cannot be written. Leaves nothing behind.
+    """
+    extension, asked = extension_of(path), path
+    path = behind_links(asked)
+    if extension_of(path) != extension:
+        raise BadInput(f"{asked}: leads to {path}, which is of another format; give both the same extension")
     folder = path.parent
     if not folder.is_dir():
         raise BadInput(f"{path}: there is no folder {folder}; make it first")
@@ -65,10 +71,12 @@ def check_volume_writable(path: Path) -> None:
         raise BadInput(f"{path}: no volume is written into a pipe or a device; name a file")
     if not os.access(folder, os.W_OK) or path.exists() and not os.access(path, os.W_OK):
         raise BadInput(f"{path}: cannot be written; choose another place or change its permissions")
+    return path
 
 
 def check_voxels_apart(path: Path) -> None:
     """Raises BadInput where voxels beside a new header would take the place of a file that is there already."""
+    path = behind_links(path)
     voxels = path.with_suffix(".raw")
     if extension_of(path) in HEADERS and voxels.exists() and not path.exists():
         raise BadInput(f"{path}: its voxels would go into {voxels}, which is there already; choose another name")
@@ -85,11 +93,11 @@ def extension_of(path: Path) -> str:
 def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
     """Writes `values`, shaped (k, j, i), with their place in space, taken as LPS, to `path`.
 
-    The files appear under their names only when they are complete. TIFF keeps no place in space but the spacing
-    along i and j. Raises BadInput for unknown extensions, for shear or a single slice that the format cannot
-    hold, and if the disk refuses.
+    The files appear under their names only when they are complete; a link stays one. TIFF keeps no place in space but
+    the spacing along i and j. Raises BadInput for unknown extensions, for shear or a single slice that the format
+    cannot hold, and if the disk refuses.
     """
-    check_volume_writable(path)
+    path = written_at(path)
     extension = extension_of(path)
     if extension in SHEARLESS and _shear(geometry) > SHEAR_TOLERANCE:
         raise BadInput(f"{path}: {extension} would lose the volume's shear; write .nrrd or .mha")
@@ -134,7 +142,7 @@ def write_nrrd(
 
     `pairs` are keys and values for the header, each of one line.
     """
-    check_volume_writable(path)
+    path = written_at(path)
     with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
         file.write(_nrrd_header(path, dtype, geometry, pairs))
         for some in sheets:

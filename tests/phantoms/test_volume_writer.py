@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from support.files.small_disks import small_disk
-from volsplat.client.phantoms.volume_writer import check_volume_writable, write_volume
+from volsplat.client.phantoms.volume_writer import write_volume, written_at
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.text.errors import BadInput
 
@@ -23,7 +23,7 @@ SKEWED = Geometry(dims=(6, 5, 4), index_to_physical=((1.0, 0.3, 0.0), (0.0, 1.0,
 @pytest.mark.parametrize("name", ["volume.xyz", "volume", ".nrrd", "volume.gz"])
 def test_an_unknown_extension_is_refused_before_any_work(name: str, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=".nrrd, .nhdr"):
-        check_volume_writable(tmp_path / name)
+        written_at(tmp_path / name)
     with pytest.raises(BadInput):
         write_volume(tmp_path / name, VALUES, GEOMETRY)
     assert not list(tmp_path.iterdir())
@@ -31,14 +31,14 @@ def test_an_unknown_extension_is_refused_before_any_work(name: str, tmp_path: Pa
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="make it first"):
-        check_volume_writable(tmp_path / "nowhere" / "volume.nrrd")
+        written_at(tmp_path / "nowhere" / "volume.nrrd")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(BadInput, match="permissions"):
-        check_volume_writable(tmp_path / "volume.nrrd")
+        written_at(tmp_path / "volume.nrrd")
 
 
 @pytest.mark.parametrize("extension", [".nii", ".nii.gz", ".tif"])
@@ -90,6 +90,26 @@ def test_whom_an_old_volume_was_hidden_from_does_not_see_the_new_one(tmp_path: P
     (tmp_path / name).chmod(0o600)
     write_volume(tmp_path / name, VALUES, GEOMETRY)
     assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o600
+
+
+@pytest.mark.parametrize("name", ["v.nrrd", "v.nhdr", "v.mha", "v.nii.gz"])
+def test_a_link_stays_one_and_the_volume_lies_where_it_leads(name: str, tmp_path: Path) -> None:
+    stored, plain = tmp_path / "stored", tmp_path / "plain"
+    stored.mkdir()
+    plain.mkdir()
+    (tmp_path / name).symlink_to(stored / name)
+    write_volume(tmp_path / name, VALUES, GEOMETRY)
+    write_volume(plain / name, VALUES, GEOMETRY)
+    assert (tmp_path / name).is_symlink()
+    assert {path.name: path.read_bytes() for path in stored.iterdir()} == {
+        path.name: path.read_bytes() for path in plain.iterdir()
+    }
+
+
+def test_a_link_to_a_file_of_another_format_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "v.nrrd").symlink_to(tmp_path / "v.mha")
+    with pytest.raises(BadInput, match="v.nrrd: leads to .*v.mha, which is of another format"):
+        write_volume(tmp_path / "v.nrrd", VALUES, GEOMETRY)
 
 
 def test_a_pipe_is_refused_and_stays_one(tmp_path: Path) -> None:
