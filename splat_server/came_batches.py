@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from volsplat.program.frame_spans import clock
 from volsplat.protocol.messages import messages
-from volsplat.protocol.text.errors import RemoteProtocolError
+from volsplat.protocol.text.errors import NoThread, RemoteProtocolError
 from volsplat.protocol.wire.shared_memory import check_sealed
 from volsplat.splat_server._kernels import BatchTaker, Bell
 from volsplat.splat_server.merge import Part
@@ -42,7 +42,10 @@ class Came:
         self.decoding_seconds += decoding_seconds
 
     def share(self, message: messages.ChannelsShared, descriptor: int, news: Bell) -> None:
-        """Have batches taken out of channels. Takes the descriptor. Raises RemoteProtocolError, MemoryError."""
+        """Have batches taken out of channels. Takes the descriptor.
+
+        Raises RemoteProtocolError, MemoryError, NoThread.
+        """
         shape = message.walkers, message.blocks, message.block_bytes
         try:
             if self.taker is not None:
@@ -51,7 +54,9 @@ class Came:
             self.taker = BatchTaker(descriptor, *shape, news=news)
         except OSError as error:
             raise RemoteProtocolError(f"the channels' memory cannot be read: {error}") from error
-        except RuntimeError as error:  # neither room for it in this process, nor a thread
+        except NoThread:
+            raise
+        except RuntimeError as error:  # no room for it in this process
             raise MemoryError from error
         finally:
             os.close(descriptor)

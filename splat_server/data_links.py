@@ -13,7 +13,7 @@ from collections import defaultdict
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
-from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.errors import NoThread, RemoteProtocolError, VolsplatError
 from volsplat.protocol.text.want_of_threads import CURE
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
@@ -221,16 +221,22 @@ class DataLinks:
             receiver.start()
             self._receivers.add(receiver)
         except RuntimeError as error:  # the system has no thread left to give
-            self._listener.lines.warn(f"{link} is dropped: {CURE}")
-            self._unserved = error
-            self._lose(link)
-            self._news.ring()
+            self._leave(link, error)
+
+    def _leave(self, link: Connection, want: RuntimeError) -> None:
+        """Do without a worker for whom there is no thread."""
+        self._listener.lines.warn(f"{link} is dropped: {CURE}")
+        self._unserved = want
+        self._lose(link)
+        self._news.ring()
 
     def _serve(self, link: Connection) -> None:
         try:
             self._receive(link)
         except RemoteProtocolError as error:
             self._listener.lines.warn(f"{error}; the connection is closed")
+        except NoThread as error:
+            self._leave(link, error)
         except MemoryError:
             self._listener.lines.warn(f"the memory does not suffice for a batch from {link}; the connection is closed")
         except VolsplatError as error:
@@ -292,7 +298,7 @@ class DataLinks:
 
     @takes(messages.ChannelsShared)
     def _share(self, message: messages.ChannelsShared, link: Connection, _: memoryview) -> None:
-        """Have batches taken out of channels. Raises RemoteProtocolError, MemoryError."""
+        """Have batches taken out of channels. Raises RemoteProtocolError, MemoryError, NoThread."""
         descriptor = link.descriptors.take()
         with self._lock:
             if not self._in_use(link):
