@@ -193,6 +193,7 @@ class ServerLinks:
         for connection in connections:
             connection.close()
         self._local.stop()
+        self._allocate.let_go()  # whoever has the session may keep it for what it still tells
 
     def _accept(self) -> None:
         while (connection := self._listener.accept()) is not None:

@@ -46,6 +46,11 @@ class BufferPool:
             buffers.append(bytearray(length))
             return buffers[-1]
 
+    def let_go(self) -> None:
+        """Keep nothing: no more is received. Whoever holds a buffer keeps it."""
+        with self._lock:
+            self._buffers.clear()
+
     def _let_go_of_others(self, length: int) -> None:
         """Whoever sends all lengths by turns must not have much of each kept."""
         kept = 0

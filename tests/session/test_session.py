@@ -4,6 +4,7 @@ import gc
 import re
 import signal
 import threading
+import tracemalloc
 from collections.abc import Iterator
 from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection
@@ -32,6 +33,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.wire import buffer_pool
 
 __all__ = ["head", "single"]
 
@@ -284,6 +286,19 @@ def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Ses
     gc.collect()
     assert session.render(skin(session)).shape == (80, 96, 4)
     assert session._coordination.frames._answers == {}
+
+
+def test_a_closed_session_that_is_kept_holds_no_memory_that_images_came_in(head: Path) -> None:
+    came_in = tracemalloc.Filter(True, buffer_pool.__file__)
+    tracemalloc.start()
+    try:
+        with Session(head, workers=1, tls=True) as session:  # images come through the network
+            session.finish(skin(session))
+        assert session.failure is not None
+        kept = tracemalloc.take_snapshot().filter_traces([came_in]).traces
+        assert sum(trace.size for trace in kept) < buffer_pool.SMALLEST
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("thread", ["receive from map/shade", "send to map/shade"])
