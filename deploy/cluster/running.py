@@ -20,7 +20,7 @@ from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import BY_HAND, Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.home_path import home_path
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
-from volsplat.deploy.launchers.table import launcher_of
+from volsplat.deploy.launchers.table import cancelling, launcher_of
 from volsplat.deploy.tunnels.ports import last_port
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.description.volume_name import absolute_name
@@ -276,7 +276,10 @@ class RunningCluster:
             left = {number: cluster.keep - (now - since[number]) for number in failed}
             due = {number: seconds for number, seconds in left.items() if seconds > 0}
             for number in left.keys() - due.keys():
-                report(f"{failed[number]}; its servers have ended by themselves, after {cluster.keep:g} s")
+                of_machine = [one.started for one in state.servers if one.machine == number]
+                queued = cancelling(cluster.machines[number], of_machine)
+                unless = f", but for those that it has not begun yet; end these by: {queued}" if queued else ""
+                report(f"{failed[number]}; its servers have ended by themselves, after {cluster.keep:g} s{unless}")
             if not due:
                 self.folder.forget()
                 return

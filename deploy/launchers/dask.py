@@ -6,6 +6,7 @@ The scheduler keeps the tasks for other commands, as published datasets, and wha
 from __future__ import annotations
 
 import asyncio
+import shlex
 import uuid
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
@@ -127,6 +128,18 @@ class DaskLauncher:
 async def _with_client(where: dict[str, str], act: Callable[[Client], Awaitable[Result]]) -> Result:
     async with Client(**where, asynchronous=True, timeout=CONNECT_SECONDS, set_as_default=False) as client:
         return await act(client)
+
+
+def cancelling(machine: Machine, servers: Sequence[StartedServer]) -> str:
+    """The command by which a person ends those that wait for a worker, once the scheduler answers."""
+    where = ", ".join(f"{key}={value!r}" for key, value in scheduler_of(machine).items())
+    tasks = [server.handle["task"] for server in servers]
+    lines = (
+        "from distributed import Client, Future",
+        f"client = Client({where})",
+        f"client.cancel([Future(task, client) for task in {tasks}], force=True)",
+    )
+    return shlex.join(["python", "-c", "; ".join(lines)])
 
 
 def scheduler_of(machine: Machine) -> dict[str, str]:

@@ -126,6 +126,11 @@ def host_name(machine: Machine) -> str:
     return str(address or name)
 
 
+def cancelling(machine: Machine, servers: Sequence[StartedServer]) -> str:
+    """The command by which a person ends those that wait in a queue, once it answers."""
+    return shlex.join(["scancel", *(server.handle["job"] for server in servers)])
+
+
 def _known_jobs(numbers: Sequence[str]) -> dict[str, Job]:
     """Of these, those that Slurm remembers: the controller for minutes, its accounting, if it keeps any, for long."""
     told = _asked(["squeue", "--me", "--states=all", "--noheader", "--format=%A|%T|%N|%r"])

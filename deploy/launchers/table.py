@@ -1,11 +1,12 @@
 """Which launchers there are, by the name that a cluster file gives them."""
 
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import Machine
-from volsplat.deploy.launchers.launcher import Launcher
+from volsplat.deploy.launchers.launcher import Launcher, StartedServer
 
 
 class Row(NamedTuple):
@@ -41,3 +42,9 @@ def host_name(machine: Machine) -> str | None:
     """
     found = getattr(import_module(LAUNCHERS[machine.launcher].module), "host_name", None)
     return machine.host if found is None else found(machine)
+
+
+def cancelling(machine: Machine, servers: Sequence[StartedServer]) -> str:
+    """The command that ends those which have not begun yet, by an engine that may keep them waiting; else empty."""
+    found = getattr(import_module(LAUNCHERS[machine.launcher].module), "cancelling", None)
+    return "" if found is None else str(found(machine, servers))

@@ -38,6 +38,31 @@ def test_a_machine_that_is_gone_for_good_keeps_nobody_from_the_others(person: Pe
     assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
+def test_jobs_that_may_wait_still_are_named_with_the_command_that_ends_them(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A job that Slurm begins after `keep` has passed ends by itself only later."""
+    commands = tmp_path / "bin"  # of a Slurm that takes jobs, and then says no more
+    commands.mkdir()
+    says = {"sbatch": "echo 4711", "scontrol": "echo 'SlurmctldHost[0] = here(127.0.0.1)'", "squeue": "exit 1"}
+    for command, line in says.items():
+        (commands / command).write_text(f"#!/bin/sh\n{line}\n", encoding="utf-8")
+        (commands / command).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{commands}:{os.environ['PATH']}")
+    machine = f'launcher = "slurm"\nslurm.folder = "{tmp_path / "jobs"}"\nmap-shade-servers = 1\nsplat-servers = 1\n'
+    path = cluster_file(person.folder, f"queued-{os.getpid()}", machine, keep=1)
+    person.runs("deploy", "up", str(path))
+    downs = list[str]()
+
+    def is_forgotten() -> bool:
+        ran = person.runs("deploy", "down", str(path))
+        downs.append(ran.stdout + ran.stderr)
+        return ran.returncode == 0
+
+    wait_until(is_forgotten, "forgotten")
+    assert "that it has not begun yet; end these by: scancel 4711 4711" in " ".join(downs[-1].split()), downs
+
+
 def unknown(launcher: str) -> str:
     """A machine of this launcher whose servers cannot be told where to dial."""
     options = '\nhost = "127.0.0.1"\nssh = {options = ["-o", "NoSuchOption=1"]}' if launcher == "ssh" else ""
