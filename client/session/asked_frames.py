@@ -4,8 +4,9 @@ import queue
 import threading
 
 from volsplat.client.coordinator.coordinator_events import EndFrame, PublishImage
+from volsplat.protocol.messages.message import LARGEST_ID
 from volsplat.protocol.text.callers_lines import under_callers_lines
-from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 ASK_AGAIN = "ask again if it is still wanted"
 
@@ -34,7 +35,7 @@ class AskedFrames:
     def ask(self, after: int | None = None) -> tuple[int, Answers]:
         """A new frame's number, and where its answers will be.
 
-        Raises FrameGivenUp if something else was asked for since frame `after`, and what ended the session.
+        Raises FrameGivenUp if something else was asked for since frame `after`, what ended the session, and BadInput.
         """
         answers: Answers = queue.SimpleQueue()
         with self._lock:
@@ -42,6 +43,10 @@ class AskedFrames:
                 raise self._failure
             if after is not None and after != self._newest:
                 raise FrameGivenUp(f"what followed frame {after} gave way to a newer frame; {ASK_AGAIN}")
+            if self._newest >= LARGEST_ID:
+                raise BadInput(
+                    f"this session has had {LARGEST_ID} frames and has no number for another; open the volume anew"
+                )
             self._newest += 1
             self._answers[self._newest] = answers
             return self._newest, answers

@@ -30,6 +30,7 @@ from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Step
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.message import LARGEST_ID
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
@@ -286,6 +287,18 @@ def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Ses
     gc.collect()
     assert session.render(skin(session)).shape == (80, 96, 4)
     assert session._coordination.frames._answers == {}
+
+
+def test_the_last_frame_that_has_a_number_is_drawn_and_more_are_refused_in_true_words(
+    head: Path, single: SingleProcess
+) -> None:
+    with Session(head, workers=1) as session:
+        session._coordination.frames._newest = LARGEST_ID - 1
+        assert torch.equal(session.render(skin(session)), single.render(skin(single)))
+        session.abort()
+        with pytest.raises(BadInput, match=r"has had 2147483647 frames .*; open the volume anew$"):
+            session.render(skin(session))
+        assert session.failure is None
 
 
 def test_a_closed_session_that_is_kept_holds_no_memory_that_images_came_in(head: Path) -> None:
