@@ -55,9 +55,8 @@ def modules_from(*starts: str) -> dict[str, str]:
 class VolumeWidget(anywidget.AnyWidget):
     """One viewport of a session. `scene` follows the hand, and may be set."""
 
-    _esm = (STATIC / "notebook" / "notebook.js").read_text(
-        "utf-8"
-    )  # anywidget watches a Path, and keeps each widget for it
+    # No Path, which anywidget would watch, and keep each widget for that.
+    _esm = (STATIC / "notebook" / "notebook.js").read_text("utf-8")
     _css = "".join((STATIC / name).read_text("utf-8") for name in (*STYLES, *CONTROLS_STYLES))
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
