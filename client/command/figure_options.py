@@ -9,15 +9,13 @@ from typing import Any, TypeVar
 import click
 
 from volsplat.client.command.help_page import headed
-from volsplat.client.figure.figure import BARE, CM_PER_INCH, Figure, figure_with, label_from_text
+from volsplat.client.figure.figure import BARE, CENTIMETRES, PRINTED, Figure, figure_with, label_from_text
 from volsplat.protocol.description.scene_key import Key, declarations
 from volsplat.protocol.text.errors import BadInput
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-CENTIMETRES = {"cm": 1.0, "mm": 0.1, "in": CM_PER_INCH}
 METAVARS = {"title": "TEXT", "labels": "TEXT@I,J,K", "dpi": "PIXELS", "text_size": "POINTS", "ink": "COLOUR"}
-BY_SIZE = ("width", "height")  # which --size sets
 PARTS = ("scale_bar", "colour_bar", "sides")
 
 _MEANINGS = {declared.name: declared.key.meaning for declared in declarations(Figure) if isinstance(declared.key, Key)}
@@ -43,7 +41,8 @@ def _option(name: str) -> Callable[[Command], Command]:
 figure_options = headed(
     "As a figure",
     click.option("--figure", is_flag=True, help="With scale bar, colour bar and sides."),
-    *(_option(name) for name in _MEANINGS if name not in BY_SIZE),
+    # --size sets how it is printed
+    *(_option(name) for name in _MEANINGS if name not in PRINTED),
 )
 """For commands that write figures; what they are given `figure_of` reads."""
 

@@ -92,12 +92,15 @@ def draw(
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     from volsplat.client.figure.figure_file import write_picture  # while the servers start
     from volsplat.client.figure.layout import figure_extent, sized
+    from volsplat.client.figure.pointing_labels import why_unlabelled
 
     volume = renderer.volume
     scene = options.scene_of(volume)
     options.tell_unsuited(volume, console)
     if figure is not None:
         scene = sized(figure, scene, volume)
+        if why := why_unlabelled(figure.labels, scene, volume.description.geometry):
+            console.say(f"note: {why}")
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
     for refinement in finished_whole(steps):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -30,8 +31,10 @@ from volsplat.protocol.text.printable import printable
 BLACK: Colour = (0.0, 0.0, 0.0)
 WHITE: Colour = (1.0, 1.0, 1.0)
 CM_PER_INCH = 2.54
+CENTIMETRES = {"cm": 1.0, "mm": 0.1, "in": CM_PER_INCH}
 POINTS_PER_INCH = 72
 DPI = Limits(20.0, 2400.0)
+PRINTED = ("width", "height")
 
 
 class Figure(Part, frozen=True):
@@ -121,6 +124,12 @@ class Figure(Part, frozen=True):
         return ink, background
 
 
+def centimetres_from_text(text: str) -> float | str:
+    """How many centimetres 8.5cm, 85mm or 3.3in are; the text itself if it is none of these."""
+    match = re.fullmatch(r"(\d*\.?\d+) ?(cm|mm|in)", text.strip())
+    return text if match is None else float(match[1]) * CENTIMETRES[match[2]]
+
+
 def label_from_text(text: str) -> tuple[str, Vector]:
     """Words and the voxel that they point at, from TEXT@I,J,K. Raises ValueError."""
     words, _, place = text.rpartition("@")
@@ -155,6 +164,8 @@ def _option(declared: Declared, given: Any) -> Any:
     try:
         if isinstance(value, Mapping):
             value = list(value.items())
+        if declared.name in PRINTED and isinstance(value, str):
+            value = centimetres_from_text(value)
         if declared.name == "ink" and isinstance(value, str) and value != "auto":
             value = colour_from_text(value)
         return msgspec.convert(value, declared.kind)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.scene import Colour, Image, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -22,6 +22,23 @@ def place_of(point: Vector, scene: Scene, geometry: Geometry) -> tuple[float, fl
     return x + 0.5, y + 0.5
 
 
+def why_unlabelled(labels: Sequence[tuple[str, Vector]], scene: Scene, geometry: Geometry) -> str:
+    """One line that names the labels whose voxels lie outside the picture; empty if none do."""
+    absent = [text for text, point in labels if not _is_inside(*place_of(point, scene, geometry), scene.image)]
+    if not absent:
+        return ""
+    which, points = ("label", "it points") if len(absent) == 1 else ("labels", "they point")
+    size = " x ".join(map(str, geometry.dims))
+    return (
+        f"the figure lacks the {which} {', '.join(absent)}: what {points} at lies outside the picture; give voxels of "
+        f"the volume ({size}), or turn or zoom the view"
+    )
+
+
+def _is_inside(x: float, y: float, image: Image) -> bool:
+    return 0 <= x <= image.width and 0 <= y <= image.height
+
+
 def pointing_labels(
     labels: Sequence[tuple[str, Vector]],
     scene: Scene,
@@ -36,7 +53,7 @@ def pointing_labels(
     image = scene.image
     for text, point in labels:
         x, y = place_of(point, scene, geometry)
-        if not (0 <= x <= image.width and 0 <= y <= image.height):
+        if not _is_inside(x, y, image):
             continue
         way = 1 if x < image.width / 2 else -1  # so that the words have room
         upwards = REACH * em * (-1 if y > REACH * em * 2 else 1)

@@ -201,8 +201,11 @@ def _rendered(
     wanted = _scene(of, scene, changes)
     if figure is not None:
         from volsplat.client.figure.layout import sized
+        from volsplat.client.figure.pointing_labels import why_unlabelled
 
         wanted = sized(figure, wanted, of)
+        if why := why_unlabelled(figure.labels, wanted, of.description.geometry):
+            warnings.warn(why, UserWarning, stacklevel=level_of_caller())
     image = RenderedImage(renderer.finish(wanted, step).published, wanted, of, renderer.path)
     if why := why_empty(image.numpy(), wanted):
         warnings.warn(why, EmptyImage, stacklevel=level_of_caller())

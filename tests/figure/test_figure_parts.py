@@ -17,10 +17,10 @@ from support.scenes.arbitrary import geometries, plain_scene, quaternions, zooms
 from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
-from volsplat.client.figure.drawing import Area, Ramp
-from volsplat.client.figure.figure import Figure, figure_with
+from volsplat.client.figure.drawing import Area, Ramp, Words
+from volsplat.client.figure.figure import BLACK, WHITE, Figure, figure_with
 from volsplat.client.figure.layout import figure_extent, sized
-from volsplat.client.figure.pointing_labels import place_of
+from volsplat.client.figure.pointing_labels import place_of, pointing_labels, why_unlabelled
 from volsplat.client.figure.scale_bars import bar_length
 from volsplat.client.figure.side_marks import edge_marks
 from volsplat.client.volume.scales import scales_of
@@ -31,6 +31,7 @@ from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Qu
 from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
 from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.rules.resolved_view import screen_rotation
 from volsplat.protocol.text.errors import BadInput
@@ -224,7 +225,7 @@ def test_without_room_for_a_picture_there_is_no_figure() -> None:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"width": "8cm"}, "figure: width='8cm': .*; allowed: 1/2 to 200 cm, or \"auto\""),
+        ({"width": "8em"}, "figure: width='8em': .*; allowed: 1/2 to 200 cm, or \"auto\""),
         ({"height": 0.1}, 'figure: height must be 1/2 to 200 cm or "auto", not 0.1'),
         ({"dpi": None}, "figure: dpi=None: .*; allowed: 20 to 2400 pixels per inch"),
         ({"title": 3}, "figure: title=3: .*; allowed: a text"),
@@ -245,3 +246,19 @@ def test_what_no_figure_can_have_is_refused_where_it_is_made(options: dict[str, 
 def test_a_figure_takes_other_libraries_numbers_and_labels_by_their_words() -> None:
     figure = Figure(width=np.float32(8), dpi=np.int64(50), labels={"nose": (1, 2, 3)}, ink="red")  # type: ignore[arg-type]
     assert figure == Figure(width=8.0, dpi=50.0, labels=(("nose", (1.0, 2.0, 3.0)),), ink=(1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("length", ["8cm", "8 cm", "80mm", "3.1496062992125986in"])
+def test_a_figure_takes_lengths_with_their_units(length: str) -> None:
+    figure = Figure(width=length, height=length)  # type: ignore[arg-type]
+    assert figure.width == pytest.approx(8.0) == figure.height
+
+
+@given(st.lists(st.tuples(*[st.floats(-200, 400)] * 3), max_size=4))
+def test_a_label_is_in_the_figure_or_told_to_be_missing(points: list[Vector]) -> None:
+    labels = [(f"<{n}>", point) for n, point in enumerate(points)]
+    shapes = pointing_labels(labels, SCENE, GEOMETRY, (0, 0), 10, WHITE, BLACK)
+    shown = {shape.text for shape in shapes if isinstance(shape, Words)}
+    told = why_unlabelled(labels, SCENE, GEOMETRY)
+    assert bool(told) == (len(shown) < len(labels))
+    assert all((text in shown) != (text in told) for text, _ in labels)
