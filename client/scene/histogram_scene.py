@@ -6,7 +6,6 @@ from volsplat.client.histogram.density_histogram import LAST, CtScale, DensityHi
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, opacities, scalars
-from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Shading, Tables
 
 LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays if it can
@@ -17,7 +16,6 @@ RIM = 0.2  # opacity of the weakest sample that is seen
 RISE = 0.2  # of the seen range: where SURFACE is reached, so that a surface is no staircase
 DENSE_SHARE = 0.01  # of the seen voxels: the colours end where no more are denser
 SKIN_HU = -300.0  # where the skin of a CT begins
-MOST_LABELS = 32  # whole numbers up to here, each one a thing of its own
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ def histogram_scene(subject: Subject) -> Scene:
     most = 1.0 if subject.in_hounsfield else MOST_SEEN
     if scale is not None and skin is not None and LEAST_SEEN <= skin.share(histogram) <= most:
         return _skull_in_flesh(scale)
-    if _are_labels(subject) and _well_seen(_unusual(histogram), histogram):
+    if subject.looks_like_labels and _well_seen(_unusual(histogram), histogram):
         seen, tint = _unusual(histogram), _label_tint(subject)
         opacity = _opacity(seen, histogram, rim=SURFACE)
     else:
@@ -157,12 +155,6 @@ def _tint(seen: Seen, histogram: DensityHistogram) -> ColourTable:
         above, most = seen.above / LAST, _most(seen, histogram) / LAST
         points += [(above, "#b07858"), (above + (most - above) / 3, "#dca884"), (most, "#f4ead8")]
     return colours(*points)
-
-
-def _are_labels(subject: Subject) -> bool:
-    """Few whole numbers from 0 up, of a kind that nobody states."""
-    low, high = subject.values.low, subject.values.high
-    return subject.kind is Kind.UNKNOWN and subject.whole_numbers and 0 <= low < high <= MOST_LABELS
 
 
 def _label_tint(subject: Subject) -> ColourTable:

@@ -101,18 +101,26 @@ class SurveyedVolume:
 
     def has(self, step: Step) -> bool:
         """Whether there is a picture of a step."""
-        told = self.description
-        return not STEP_RULES[step].slabs or not (told.kind in CLASS_KINDS or told.second_scalar is not None)
+        return not STEP_RULES[step].slabs or self._without_between is None
 
     def check_step(self, step: Step) -> None:
-        """Raises BadInput for a step that this volume has no picture of: values that are no more or less than others
-        have none in between."""
+        """Raises BadInput for a step that this volume has no picture of."""
         if not self.has(step):
-            told = self.description
-            what = (
-                f"{told.kind}, which have none" if told.kind in CLASS_KINDS else "two values each, which it would mix"
-            )
-            raise BadInput(f"step {step} reconstructs values between voxels, but {told.name} holds {what}; draw step F")
+            name, what = self.description.name, self._without_between
+            raise BadInput(f"step {step} reconstructs values between voxels, but {name} holds {what}; draw step F")
+
+    @cached_property
+    def _without_between(self) -> str | None:
+        """What the values are if they have none in between, being no more or less than others; else None."""
+        told = self.description
+        if told.kind in CLASS_KINDS:
+            return f"{told.kind}, which have none"
+        if told.second_scalar is not None:
+            return "two values each, which it would mix"
+        if self.has_values and self.subject().looks_like_labels:
+            low, high = self.survey.low, self.survey.high
+            return f"the whole numbers {low:g} to {high:g}, which are taken for labels and have none"
+        return None
 
     def settled(self, scene: Scene) -> Scene:
         """The scene with numbers for all that its view leaves to the volume: up, and zoom and centre of a fit.

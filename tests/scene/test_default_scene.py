@@ -5,19 +5,22 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from volsplat.client.histogram.density_histogram import density_histogram, recognised_ct
-from volsplat.client.histogram.subject import subject_of
+from volsplat.client.histogram.subject import MOST_LABELS, subject_of
+from volsplat.client.memory.array_volume import Volume
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.histogram_scene import LEAST_SEEN, MOST_SEEN
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Field, Image, Scene, View
+from volsplat.protocol.description.scene import Field, Image, Scene, Step, View
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey, density_window
+from volsplat.protocol.text.errors import BadInput
 
 SIDE = 64
 VOXELS = SIDE**3
@@ -192,3 +195,18 @@ def test_each_label_has_a_colour_of_its_own_and_the_background_none() -> None:
     assert len({emitted[label] for label in (1, 2, 29)}) == 3
     assert opacity[0] == 0 and opacity[1] == opacity[2] == opacity[29] > 0.5
     assert shown == 0.1
+
+
+@given(st.integers(1, 40), st.booleans())
+def test_step_g_is_refused_for_what_is_shown_as_labels_and_for_no_other_volume(high: int, whole: bool) -> None:
+    values = torch.arange(5**3).reshape(5, 5, 5) % (high + 1)
+    placed = Volume(values.to(torch.uint8 if whole else torch.float32), axes="zyx", spacing=(1, 1, 1))
+    with SingleProcess(placed) as single:
+        single.volume.check_step(Step.F)
+        labels = whole and high <= MOST_LABELS
+        assert single.volume.has(Step.G) is not labels
+        if labels:
+            with pytest.raises(
+                BadInput, match=f"whole numbers 0 to {high}, which are taken for labels .*; draw step F"
+            ):
+                single.finish(single.volume.default_scene(), Step.G)
