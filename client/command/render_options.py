@@ -97,9 +97,18 @@ class SceneOptions:
         return self._over(volume, self.scene)
 
     def tell_unsuited(self, volume: SurveyedVolume, console: PlainConsole) -> None:
-        """A line for a person whose preset does not suit the volume."""
-        if self.preset is not None and (why := why_unsuited(self.preset, volume.subject())):
+        """A line for a person whose preset does not suit the volume, or is not seen under the scene file."""
+        if self.preset is not None and self._hides_preset(volume):
+            console.say(f"note: {self.scene} decides all that --preset {self.preset} would; leave one of them out")
+        elif self.preset is not None and (why := why_unsuited(self.preset, volume.subject())):
             console.say(f"note: {why}")
+
+    def _hides_preset(self, volume: SurveyedVolume) -> bool:
+        """Whether the scene file leaves nothing of the preset: it goes over it."""
+        if self.scene is None:
+            return False
+        preset, default = volume.begun_scene(self.preset), volume.begun_scene(None)
+        return preset != default and _scene_in([self.scene], preset) == _scene_in([self.scene], default)
 
     def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
         """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""

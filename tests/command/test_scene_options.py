@@ -18,7 +18,7 @@ from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene
-from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import FinestStep, Kernel, PaperStep, Quantise, Refine, Scene, Step
@@ -117,6 +117,22 @@ def test_the_page_is_lit_from_its_first_steps_unless_somebody_says_otherwise(
     assert refines("refine.lit_from=E").lit_from is PaperStep.E
     said = refines("refine.finest=G", "refine.bare_buffer=true", "refine.striding=true")
     assert said == Refine(lit_from=PaperStep.C, finest=FinestStep.G, bare_buffer=True, striding=True)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_preset_of_which_a_scene_file_leaves_nothing_is_told(
+    scan: SingleProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str], whole: bool
+) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        scene_toml(scan.volume.begun_scene("ct-skin")) if whole else "[view]\nzoom = 2.0\n", encoding="utf-8"
+    )
+    said = SceneOptions.of(NOTHING | {"scene": file, "preset": "ct-bone"})
+    alone = SceneOptions.of(NOTHING | {"scene": file, "preset": None})
+    assert (said.scene_of(scan.volume) == alone.scene_of(scan.volume)) is whole
+    said.tell_unsuited(scan.volume, PlainConsole())
+    told = f"note: {file} decides all that --preset ct-bone would; leave one of them out\n"
+    assert (told in capsys.readouterr().out) is whole
 
 
 def test_a_colour_map_colours_what_glows_and_what_is_lit() -> None:
