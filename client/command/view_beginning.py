@@ -12,10 +12,10 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import ignored, opened, session_of, tell_how_to_join
 from volsplat.client.command.render_options import SceneOptions, lit_from
 from volsplat.client.command.server_options import Servers
-from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.session.session import Session
 from volsplat.program.confinement import can_confine
 from volsplat.program.plain_console import PlainConsole
+from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.scene import PaperStep, Scene
 from volsplat.protocol.description.volume_name import volume_name
 

@@ -1,1 +1,1 @@
-"""Files that take their names once they are whole, and folders for as long as somebody needs them."""
+"""Files that take their names once they are whole."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from volsplat.client.files.temporary_name import behind_links, take_mode, temporary_name
+from volsplat.program.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.open_streams import stream_number, to_open
 

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path, step_of
 from volsplat.client.image.image_file import over_background, write_image, write_pixels
 from volsplat.client.image.image_formats import check_writable
@@ -21,6 +20,7 @@ from volsplat.client.phantoms import streamed_phantom
 from volsplat.client.phantoms.volume_writer import write_phantom
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
+from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.scene import Colour, Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.refinement import PAPER_STEPS

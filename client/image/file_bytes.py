@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from volsplat.client.files.temporary_folder import temporary_folder
+from volsplat.program.temporary_folder import temporary_folder
 
 
 def bytes_of(suffix: str, write: Callable[[Path], object]) -> bytes:

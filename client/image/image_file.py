@@ -21,11 +21,11 @@ import OpenImageIO as oiio
 from numpy.typing import ArrayLike, NDArray
 
 from volsplat.client.caller.arguments import checked_scene
-from volsplat.client.files.temporary_folder import temporary_folder
-from volsplat.client.files.temporary_name import behind_links
 from volsplat.client.files.whole_file import whole_file
 from volsplat.client.image.embedded_picture import SVG, embedded_png
 from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
+from volsplat.program.temporary_folder import temporary_folder
+from volsplat.program.temporary_name import behind_links
 from volsplat.protocol.description.scene import Colour, Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8

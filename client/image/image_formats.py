@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from volsplat.client.files.temporary_name import behind_links, temporary_name
 from volsplat.client.files.whole_file import is_stream
 from volsplat.program.extras import need
+from volsplat.program.temporary_name import behind_links, temporary_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 

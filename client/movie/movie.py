@@ -23,12 +23,12 @@ from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.frame_figure import FrameFigure
-from volsplat.client.files.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
+from volsplat.program.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput, VolsplatError

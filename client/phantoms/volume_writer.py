@@ -12,9 +12,9 @@ from typing import Any
 
 import torch
 
-from volsplat.client.files.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.client.files.whole_file import is_stream
 from volsplat.client.phantoms.centred_grid import Phantom
+from volsplat.program.temporary_name import behind_links, take_mode, temporary_name
 from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices

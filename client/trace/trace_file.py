@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from volsplat.client.files.temporary_name import behind_links
 from volsplat.client.files.whole_file import is_stream
+from volsplat.program.temporary_name import behind_links
 from volsplat.protocol.messages.trace_messages import Span
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.open_streams import to_open

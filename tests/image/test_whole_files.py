@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 from volsplat.bench.tables.record import write_text
-from volsplat.client.files.temporary_folder import made_folder, temporary_folder
-from volsplat.client.files.temporary_name import temporary_name
 from volsplat.client.image.image_formats import check_place
+from volsplat.program.temporary_folder import made_folder, temporary_folder
+from volsplat.program.temporary_name import temporary_name
 from volsplat.protocol.text.errors import BadInput
 
 LEAVES = """
 import sys
 from pathlib import Path
-from volsplat.client.files.temporary_name import temporary_name
+from volsplat.program.temporary_name import temporary_name
 name = temporary_name(Path(sys.argv[1]))
 if name.suffix:
     name.write_bytes(b"half")
@@ -31,7 +31,7 @@ sys.stdin.read()
 
 LEAVES_FOLDER = """
 import sys
-from volsplat.client.files.temporary_folder import made_folder
+from volsplat.program.temporary_folder import made_folder
 (made_folder() / "head.nrrd").write_bytes(b"a volume")
 print("left", flush=True)
 sys.stdin.read()

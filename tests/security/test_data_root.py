@@ -204,3 +204,20 @@ def test_a_link_that_is_swapped_all_the_time_leads_nowhere_else(control: Connect
         swapping.result(PATIENCE)
     for answer in answers:
         assert not isinstance(answer, messages.VolumeDescribed) or answer.description.geometry.dims == VOXELS.shape
+
+
+def test_the_scratch_folder_of_a_killed_server_ends_with_the_next_one_s(root: Path, tmp_path: Path) -> None:
+    scratch, token = tmp_path / "scratch", new_token()
+    scratch.mkdir()
+    left = set[Path]()
+    with Listener(Role.CLIENT, token) as clients:
+        command = server_command(Program.MAPSHADE_SERVER, "--connect", str(clients.address), "--data-root", str(root))
+        for _ in range(2):
+            with subprocess.Popen(command, env=token.added_to(os.environ | {"TMPDIR": str(scratch)})) as server:
+                connection = clients.accept(PATIENCE)
+                assert connection is not None
+                folders = set(scratch.iterdir())
+                assert len(folders) == 1 and not folders & left
+                left = folders
+                server.kill()
+                connection.close()

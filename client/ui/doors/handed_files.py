@@ -16,7 +16,7 @@ from weakref import WeakKeyDictionary, finalize
 from nicegui import Client, context, ui
 from starlette.responses import FileResponse, PlainTextResponse, Response
 
-from volsplat.client.files.temporary_folder import made_folder, no_temporary
+from volsplat.program.temporary_folder import made_folder, no_temporary
 
 FILES_PATH = "/volsplat/files"
 KEPT = 4  # of a tab, so that the browser may go on with one whose line was cut

@@ -10,13 +10,13 @@ from pathlib import Path
 from nicegui import background_tasks, context, ui
 
 from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
-from volsplat.client.files.temporary_folder import made_folder
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.doors.handed_files import hand_file
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.program.temporary_folder import made_folder
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import Figure
-from volsplat.client.files.temporary_folder import temporary_folder
 from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.image_formats import SCENE_HOLDERS, need_pdf
 from volsplat.client.image.image_properties import image_properties
@@ -28,6 +27,7 @@ from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.scene_file import scene_from_bytes, scene_toml
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
+from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.rules.refinement import finest_step

@@ -5,11 +5,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.reading.named_files import hold_names_to
 from volsplat.program.confinement import confine_reading
+from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
@@ -49,8 +49,8 @@ def held_to(folder: Path) -> Iterator[DataRoot]:
     Raises BadInput where there is no such folder, or where the system cannot see to it.
     """
     root = DataRoot(folder)
-    with TemporaryDirectory(prefix="volsplat-") as scratch:  # what others put into the common one is not read
-        tempfile.tempdir = scratch
-        confine_reading((root.path, Path(scratch)))
+    with temporary_folder() as scratch:  # what others put into the common one is not read
+        tempfile.tempdir = str(scratch)
+        confine_reading((root.path, scratch))
         hold_names_to(root.path)
         yield root

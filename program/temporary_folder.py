@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from volsplat.client.files.temporary_name import temporary_name
+from volsplat.program.temporary_name import temporary_name
 from volsplat.protocol.text.errors import BadInput
 
 
