@@ -10,8 +10,8 @@ from volsplat.client.command.render_outputs import step_image_path
 from volsplat.client.image.contact_sheet import StepPicture, write_contact_sheet
 from volsplat.client.image.image_file import write_image
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.phantoms import streamed_phantom
+from volsplat.client.phantoms.volume_writer import write_phantom
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.frame_report import report_of, step_table, write_report
 from volsplat.client.session.renderer import finished_whole
@@ -42,7 +42,7 @@ def demo(output: Path) -> None:
     console = PlainConsole()
     volume = output / "head.nrrd"
     with console.status("making the head phantom") as status:
-        write_volume(volume, *make_phantom("head"))
+        write_phantom(volume, streamed_phantom("head"))
         with Session(volume, workers=DEMO_WORKERS, on_progress=status.update) as session:
             scene = demo_scene(session.volume)
             finished = list(finished_whole(session.refine(scene)))
