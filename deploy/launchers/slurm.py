@@ -24,6 +24,7 @@ OWN_CORES = '--threads "$SLURM_CPUS_ON_NODE"'  # of the job, wherever it runs
 # A job that Slurm will run again is completing until it has left its node.
 WAITING = {"PENDING", "CONFIGURING", "COMPLETING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "RESV_DEL_HOLD"}
 WAITING |= {"SPECIAL_EXIT", "STAGE_OUT", "STOPPED", "SUSPENDED"}
+NOT_REACHED = re.compile("without a word|contact slurm|timed out|[Cc]onnect|[Cc]ommunication|Zero Bytes")
 AT_WORK = {"RUNNING", "RESIZING", "SIGNALING"}
 
 
@@ -197,5 +198,13 @@ def _asked(command: Sequence[str], given: str = "") -> str:
     except subprocess.TimeoutExpired as error:
         raise BadInput(f"{command[0]} has not answered for {SLURM_SECONDS:g} s; try: scontrol ping") from error
     if ran.returncode:
-        raise BadInput(f"{one_line(ran.stderr.strip()) or f'{command[0]} failed without a word'}; try: scontrol ping")
+        reason = one_line(ran.stderr.strip()) or f"{command[0]} failed without a word"
+        raise BadInput(f"{reason}; {_cure(command[0], reason)}")
     return ran.stdout
+
+
+def _cure(command: str, reason: str) -> str:
+    """A job that the controller turns down is changed by its options; else it is looked whether there is one."""
+    if command == "sbatch" and not NOT_REACHED.search(reason):
+        return "see slurm.options in the cluster file"
+    return "try: scontrol ping"

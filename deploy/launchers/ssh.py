@@ -3,6 +3,7 @@
 import atexit
 import random
 import re
+import shlex
 import signal
 import subprocess
 import time
@@ -68,6 +69,12 @@ def ssh_command(machine: Machine, script: str, *options: str) -> list[str]:
     return ["ssh", *BATCH, *options, *machine.ssh.options, "--", machine.host, _for_any_shell(script)]
 
 
+def by_hand(machine: Machine) -> str:
+    """What a person types to get there as the cluster file does."""
+    assert machine.host is not None
+    return shlex.join(["ssh", *machine.ssh.options, machine.host])
+
+
 def _for_any_shell(script: str) -> str:
     """What any login shell, csh and fish as well, hands to a POSIX one: their quotes agree on all but these."""
     escaped = re.sub(r"[\\\n'!]", lambda found: f"\\0{ord(found[0]):03o}", script)
@@ -82,7 +89,7 @@ def run_there(machine: Machine, script: str, given: str, may_be_left: bool = Fal
     host = machine.host
     ran = _tried(machine, f"{_BEGINS}{script}", given, may_be_left)
     if ran.returncode == NOT_REACHED:
-        raise BadInput(f"{host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {host}")
+        raise BadInput(f"{host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: {by_hand(machine)}")
     said = _after_greetings(ran.stdout)
     if ran.returncode:
         reason = one_line(said or _after_greetings(ran.stderr)) or f"its shell ended with {ran.returncode}"
@@ -125,8 +132,8 @@ def _ran(machine: Machine, script: str, given: str, may_be_left: bool) -> "subpr
         try:
             said, complaints = ssh.communicate(given, timeout=SSH_SECONDS)
         except subprocess.TimeoutExpired as error:
-            host = machine.host
-            raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
+            told = f"{machine.host}: ssh has not answered for {SSH_SECONDS:g} s; try: {by_hand(machine)}"
+            raise BadInput(told) from error
         finally:
             _LEFT_AT_EXIT.discard(ssh)
             end_group(ssh, signal.SIGKILL)

@@ -1,6 +1,8 @@
-"""The folder that nodes of Slurm share, which may lie where anybody writes: the token goes into one's own alone."""
+"""The launcher of Slurm without a Slurm: the folder that nodes share, which may lie where anybody writes, so that the
+token goes into one's own alone; and the cures of what `sbatch` says."""
 
 import os
+import re
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -9,17 +11,18 @@ import pytest
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launcher_keys import SlurmKeys
-from volsplat.deploy.launchers.launcher import Secrets
+from volsplat.deploy.launchers.launcher import Secrets, ServerOrder
 from volsplat.deploy.launchers.slurm import SlurmLauncher
+from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.tokens import new_token
 
 NOBODY = 65534
 
 
-def start(shared: Path) -> None:
+def start(shared: Path, *orders: ServerOrder) -> None:
     machine = Machine(launcher="slurm", slurm=SlurmKeys(folder=str(shared)))
-    SlurmLauncher(machine, Path("lab")).start([], Secrets(new_token(), Path("token")), lambda line: None)
+    SlurmLauncher(machine, Path("lab")).start(orders, Secrets(new_token(), Path("token")), lambda line: None)
 
 
 def mode(path: Path) -> int:
@@ -66,3 +69,26 @@ def test_a_folder_that_others_could_write_to_is_refused(
     with pytest.raises(BadInput, match=f"{name} (is not a folder that you alone|cannot be made)"):
         start(tmp_path)
     assert not [found for found in tmp_path.rglob("*") if found.name.startswith("token")]
+
+
+@pytest.mark.parametrize(
+    "said, cure",
+    [
+        (
+            "Batch job submission failed: Invalid account or account/partition combination specified",
+            "see slurm.options",
+        ),
+        ("invalid partition specified: none", "see slurm.options"),
+        ("Batch job submission failed: Unable to contact slurm controller (connect failure)", "try: scontrol ping"),
+        ("Batch job submission failed: Socket timed out on send/recv operation", "try: scontrol ping"),
+    ],
+)
+def test_a_job_that_is_turned_down_is_cured_by_its_options(
+    said: str, cure: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sbatch = tmp_path / "sbatch"
+    sbatch.write_text(f"#!/bin/sh\necho 'sbatch: error: {said}' >&2\nexit 1\n", encoding="utf-8")
+    sbatch.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(BadInput, match=rf"{re.escape(said)}; {cure}"):
+        start(tmp_path / "shared", ServerOrder("splat-1", Program.SPLAT_SERVER, ()))

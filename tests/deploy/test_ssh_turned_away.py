@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from volsplat.deploy.cluster_file import Machine
+from volsplat.deploy.launcher_keys import SshKeys
 from volsplat.deploy.launchers import ssh
 from volsplat.protocol.text.errors import BadInput
 
@@ -48,6 +49,13 @@ def test_who_is_never_let_in_says_why(tries: Path) -> None:
     with pytest.raises(BadInput, match=f"^node: {TURNED_AWAY}; try: ssh node$"):
         run(tries, *[TURNED_AWAY] * 9)
     assert tries.read_text(encoding="utf-8").count("try") == ssh.TRIES
+
+
+def test_the_command_to_try_has_the_options_of_the_cluster_file(tries: Path) -> None:
+    tries.with_name("words").write_text("Permission denied (publickey).\n", encoding="utf-8")
+    node = Machine(launcher="ssh", host="node", ssh=SshKeys(options=("-p", "2222", "-i", "my key")))
+    with pytest.raises(BadInput, match=r"; try: ssh -p 2222 -i 'my key' node$"):
+        ssh.run_there(node, "true", "")
 
 
 BY_A_JUMP_HOST = "; kex_exchange_identification: Connection closed by remote host"
