@@ -26,9 +26,12 @@ class ClusterServers:
     here = False
     replaced = True
 
-    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
-        """Brings the cluster up if it is not. `report` gets lines of progress. Raises BadInput."""
-        self._running, self._report = RunningCluster(path), report
+    def __init__(self, path: Path, report: Callable[[str], None], tell_missing: Callable[[str], None]) -> None:
+        """Brings the cluster up if it is not. Raises BadInput.
+
+        `report` gets lines of progress, `tell_missing` one for each thing that failed and is gone on without.
+        """
+        self._running, self._report, self._tell_missing = RunningCluster(path), report, tell_missing
         self._opened_by = OwnProcess()
         state = self._running.state()
         self._brought_up = state is None
@@ -42,7 +45,7 @@ class ClusterServers:
 
     def _bring_up(self) -> ClusterState:
         try:
-            return self._running.up(self._report)
+            return self._up_as_far_as_it_draws()
         except ClusterBusy:  # by somebody else, who has it then
             atexit.unregister(self._down_at_exit)
             raise
@@ -52,18 +55,24 @@ class ClusterServers:
 
     def _with_both_kinds(self, state: ClusterState) -> ClusterState:
         """Without machines that failed at `deploy up`; if a kind is missing, all that failed are tried again."""
-        if not _has_both_kinds(state):
-            try:
-                return self._running.up(self._report)
-            except BadInput as error:
-                now = self._running.state()
-                if now is None or not _has_both_kinds(now):
-                    raise
-                self._report(str(error))
-                return now
+        if not state.can_draw:
+            return self._up_as_far_as_it_draws()
         for title, line in self._running.never_started(state):
-            self._report(f"{title}: {line}")
+            self._tell_missing(f"{title}: {line}")
         return state
+
+    def _up_as_far_as_it_draws(self) -> ClusterState:
+        """Without machines that fail, if there are both kinds of server. Raises BadInput, which names them, if not."""
+        try:
+            return self._running.up(self._report)
+        except ClusterBusy:
+            raise
+        except BadInput as error:
+            state = self._running.state()
+            if state is None or not state.can_draw:
+                raise
+            self._tell_missing(str(error))
+            return state
 
     def _down(self) -> None:
         if not self._opened_by.is_here:  # a process that was forked ends
@@ -150,7 +159,3 @@ class ClusterServers:
             self._tunnels.close()
         if self._brought_up:
             self._down()
-
-
-def _has_both_kinds(state: ClusterState) -> bool:
-    return {one.program for one in state.servers} == set(Program)

@@ -134,7 +134,18 @@ class Session:
             check_written_apart(name, records=[Path(trace)])
         memory = None if memory is None else checked_bytes(memory, "memory")
         self._servers = asked_servers(
-            workers, splat_servers, threads, listen, spawn, token, silence, tls, cluster, data_root, on_progress
+            workers,
+            splat_servers,
+            threads,
+            listen,
+            spawn,
+            token,
+            silence,
+            tls,
+            cluster,
+            data_root,
+            on_progress,
+            on_loss,
         )
         self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._coordination = Coordination(self._tracer, on_progress, on_loss)

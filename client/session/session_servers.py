@@ -130,10 +130,11 @@ def asked_servers(
     cluster: str | Path | None,
     data_root: str | Path | None,
     report: Callable[[str], None],
+    tell_missing: Callable[[str], None],
 ) -> SessionServers:
     """Those that a script asks a session for. Raises BadInput for what has no effect there, as for what is no number.
 
-    Brings the cluster up if it is not. `report` gets lines of progress.
+    Brings the cluster up if it is not. `report` gets lines of progress, `tell_missing` those of its machines that fail.
     """
     if cluster is not None:
         given = {"listen": listen, "token": token, "silence": silence, "tls": tls, "workers": workers}
@@ -141,7 +142,7 @@ def asked_servers(
     if cluster is not None or not spawn:
         _refuse({"threads": threads, "data_root": data_root}, "this session starts no servers that it would hold for")
     if cluster is not None:
-        return ClusterServers(Path(cluster), report)
+        return ClusterServers(Path(cluster), report, tell_missing)
     workers = usual_servers() if workers is None else checked_count(workers, "workers")
     splat_servers = 1 if splat_servers is None else checked_count(splat_servers, "splat_servers")
     started = None

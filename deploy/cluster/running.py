@@ -126,7 +126,16 @@ class RunningCluster:
             self.unheard = self._unheard(state, said)
             living = [one for one in state.servers if said[one.started.name].state is not ServerState.ENDED]
             due = {one.name for one in wanted_servers(self.cluster)} - {one.started.name for one in living}
-            return self._brought_up(state, living, due, report)
+            state, failed = self._brought_up(state, living, due, report)
+        if failed:
+            raise BadInput("; ".join([*failed, *self._still_of_use(state)]))
+        return state
+
+    def _still_of_use(self, state: ClusterState) -> list[str]:
+        """What is up where some machines failed, for a person to know; nothing if it draws nothing."""
+        if not state.can_draw:
+            return []
+        return [f"the other {len(state.servers)} servers are up, and used by --cluster {self.path}"]
 
     def _unheard(self, state: ClusterState, said: Mapping[str, Said]) -> dict[str, str]:
         titles = {one.started.name: self.cluster.machines[one.machine].title for one in state.servers}
@@ -151,21 +160,22 @@ class RunningCluster:
             asked = [one for one in state.servers if one.started.name in names]
             said = self._states(self.cluster, asked)
             self._stop(self.cluster, [one for one in asked if said[one.started.name].state is not ServerState.ENDED])
-            return self._brought_up(state, state.servers, set(names), report)
+            state, failed = self._brought_up(state, state.servers, set(names), report)
+        if failed:
+            raise BadInput("; ".join(failed))
+        return state
 
     def _brought_up(
         self, state: ClusterState, servers: Collection[KnownServer], due: Collection[str], report: Report
-    ) -> ClusterState:
-        """Beside these servers start those of the names that are due."""
+    ) -> tuple[ClusterState, list[str]]:
+        """Beside these servers start those of the names that are due. The second is what failed."""
         known = {one.started.name: one for one in servers}
         state = msgspec.structs.replace(state, not_ended_since={})
         self.folder.save(state)
         failed = self._start(state, due, report, known)
         state = msgspec.structs.replace(state, servers=tuple(known.values()))
         self._remember(state, due)
-        if failed:
-            raise BadInput("; ".join(failed))
-        return state
+        return state, failed
 
     def _remember(self, state: ClusterState, started: Collection[str]) -> None:
         """What was started is ended again if it cannot be: nobody would know of it."""

@@ -39,6 +39,11 @@ class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     servers: tuple[KnownServer, ...] = ()
     not_ended_since: dict[int, float] = {}  # time.time() of the first `down` to which a machine did not answer
 
+    @property
+    def can_draw(self) -> bool:
+        """Whether there are servers of both kinds."""
+        return {one.program for one in self.servers} == set(Program)
+
 
 class ClusterBusy(BadInput):
     """Another command brings the cluster up or down."""

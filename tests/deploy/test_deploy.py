@@ -362,14 +362,21 @@ def test_what_could_not_be_started_is_named_and_not_waited_for(person: Person) -
     whole = LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n"
     path = str(cluster_file(person.folder, "in-part", whole, unreached("map-shade-servers = 1\n")))
     try:
-        assert person.runs("deploy", "up", path).returncode == 2
+        up = person.runs("deploy", "up", path)
+        assert up.returncode == 2 and f"the other 2 servers are up, and used by --cluster {path}" in up.stderr
         status = person.runs("deploy", "status", path)
         assert status.returncode == 1 and "127.0.0.1: 1 of 1 servers could not be started" in status.stderr
         doctor = person.runs("deploy", "doctor", path)
         assert doctor.returncode == 2 and "WRONG 127.0.0.1: start: 1 of 1 servers" in doctor.stdout
-        assert drawn(person, "--cluster", path) == drawn(person, "--single")
+        alone = drawn(person, "--single")
+        for again in (f"1 of 1 servers could not be started; try again: volsplat deploy up {path}", "ssh: connect to"):
+            image = person.folder / "in-part.png"
+            ran = person.runs("render", "head.nrrd", "-o", str(image), "--size", "48x48", "--cluster", path)
+            assert ran.returncode == 0 and image.read_bytes() == alone
+            assert f"note: 127.0.0.1: {again}" in ran.stderr
+            person.runs("deploy", "down", path)  # the second time the command itself brings it up
     finally:
-        assert person.runs("deploy", "down", path).returncode == 0
+        person.runs("deploy", "down", path)
 
 
 def test_while_servers_are_started_none_is_said_to_have_failed(person: Person) -> None:
