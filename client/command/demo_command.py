@@ -10,8 +10,6 @@ from volsplat.client.command.render_outputs import step_image_path
 from volsplat.client.image.contact_sheet import StepPicture, write_contact_sheet
 from volsplat.client.image.image_file import write_image
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.phantoms import streamed_phantom
-from volsplat.client.phantoms.volume_writer import write_phantom
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.frame_report import report_of, step_table, write_report
 from volsplat.client.session.renderer import finished_whole
@@ -39,6 +37,9 @@ def demo(output: Path) -> None:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{output}: cannot make this folder: {error.strerror}; name another with --output") from error
+    from volsplat.client.phantoms import streamed_phantom  # takes torch, for which help is not to wait
+    from volsplat.client.phantoms.volume_writer import write_phantom
+
     console = PlainConsole()
     volume = output / "head.nrrd"
     with console.status("making the head phantom") as status:

@@ -81,6 +81,15 @@ def test_further_commands_have_examples_as_well(name: str) -> None:
         described.make_context(name, words[len(said) :])
 
 
+def test_help_of_demo_and_gallery_does_not_wait_for_torch() -> None:
+    load = "get_command(click.Context(volsplat), name)"
+    program = (
+        "import click, sys; from volsplat.client.command.commands import volsplat\n"
+        f"for name in ('demo', 'gallery'): assert volsplat.{load} is not None and 'torch' not in sys.modules, name"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
 def completed(typed: str) -> list[str]:
     """What a shell is told of the last word."""
     asked = {"COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" ")), "_VOLSPLAT_COMPLETE": "bash_complete"}
