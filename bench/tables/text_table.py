@@ -11,7 +11,8 @@ from rich.text import Text
 from volsplat.bench.tables.record import Figure
 
 LONGEST_NAME = 40  # characters of a row's name that is never broken
-CELL_PADDING = 2  # characters of a column beside its text
+CELL_PADDING = 3  # characters of a column beside its text: a space on either side, and what divides it from the next
+LAST_EDGE = 1  # beyond the last column's own
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 
 
@@ -38,11 +39,11 @@ class TextTable:
         """The columns that fit beside each other and the rows' names."""
         names, *widths = (self._column_width(n) + CELL_PADDING for n in range(len(self.columns)))
         groups: list[list[int]] = [[]]
-        left = width - names
+        left = width - LAST_EDGE - names
         for n, needed in enumerate(widths, start=1):
             if groups[-1] and needed > left:
                 groups.append([])
-                left = width - names
+                left = width - LAST_EDGE - names
             groups[-1].append(n)
             left -= needed
         return groups

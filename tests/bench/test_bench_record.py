@@ -12,7 +12,7 @@ from rich.console import Console
 from volsplat.bench.commands.compare_command import comparison, moved
 from volsplat.bench.tables.outputs import Outputs
 from volsplat.bench.tables.record import Figure, Record, figure, read_record, record, write_record
-from volsplat.bench.tables.text_table import TextTable, significant, with_give_or_take, with_unit
+from volsplat.bench.tables.text_table import LONGEST_NAME, TextTable, significant, with_give_or_take, with_unit
 from volsplat.bench.timing import interleaved, ratios
 from volsplat.protocol.text.errors import BadInput
 
@@ -151,6 +151,21 @@ def test_a_table_keeps_every_heading_whole_on_a_narrow_terminal(columns: int, wi
     for text in (*headings, *(f"{n}.5 ±10%" for n in range(columns))):
         assert text in shown
     assert shown.count("A caption.") == 1
+
+
+@given(
+    st.lists(st.integers(1, 12), min_size=1, max_size=12),
+    st.integers(1, LONGEST_NAME),
+    st.integers(60, 120),
+)
+def test_a_row_s_name_is_never_broken_where_a_column_fits_beside_it(widths: list[int], name: int, width: int) -> None:
+    table = TextTable("Rates", ("", *("x" * n for n in widths)), "A caption.")
+    table.add("n" * name, *("1" * n for n in widths))
+    console = Console(width=width, file=StringIO())
+    console.print(*table.rich(console.width))
+    assert isinstance(console.file, StringIO)
+    named = [line for line in console.file.getvalue().splitlines() if "n" * name in line and "1" in line]
+    assert [len(cell) for line in named for cell in line.split()[1:]] == widths
 
 
 class Lost(StringIO):
