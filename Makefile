@@ -1,8 +1,9 @@
 # `make install` sets up .venv for use, `make demo` draws with it, `make test` sets it up for work and tests everything.
 
-# Two parts at a time: what is loaded from the network beside what computes, mypy beside the tests.
-MAKEFLAGS += --jobs=2
-unexport MAKEFLAGS MFLAGS  # or ninja would compile on two cores of however many
+# Three parts at a time: libraries and tools are loaded from the network while the kernels are compiled, and mypy checks
+# beside the tests.
+MAKEFLAGS += --jobs=3
+unexport MAKEFLAGS MFLAGS  # or ninja would compile on three cores of however many
 ifneq ($(filter clean,$(MAKECMDGOALS)),)
 .NOTPARALLEL:  # what is made anew comes after
 endif
@@ -49,14 +50,26 @@ $(INSTALLED): $(BUILD_INPUTS) $(TORCH)
 # With build tools that stay where they are, only what has changed is compiled again: pip would load them into a new
 # folder each time.
 BUILD_TOOLS := $(VENV)/.build_tools
-$(BUILD_TOOLS): pyproject.toml | $(TORCH)
+$(BUILD_TOOLS): pyproject.toml | $(VENV)/bin/python
 	$(PIP) install $$($(BIN)/python -c "import tomllib; \
 		print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['build'])")
 	@touch $@
 
-$(READY): $(BUILD_INPUTS) $(TORCH) $(BUILD_TOOLS)
-	@echo "$(COMPILING)"
-	$(PIP) install -c constraints.txt --no-build-isolation --editable '.[dev]'
+# To compile takes a minute or two and none of the libraries, which are loaded and unpacked meanwhile.
+COMPILED := $(VENV)/.compiled
+$(COMPILED): $(BUILD_INPUTS) $(BUILD_TOOLS)
+	@echo "beside it: volsplat; compiling its kernels takes a minute or two"
+	$(PIP) install --no-build-isolation --no-deps --editable .
+	@touch $@
+
+LIBRARIES := $(VENV)/.libraries
+$(LIBRARIES): pyproject.toml constraints.txt packaging/libraries.py $(TORCH)
+	@echo "3 of 3: what volsplat and its tests need"
+	$(BIN)/python packaging/libraries.py dev > $@.txt
+	$(PIP) install -c constraints.txt -r $@.txt
+	@touch $@
+
+$(READY): $(COMPILED) $(LIBRARIES)
 	$(COMPILE)
 	@touch $@
 
@@ -117,7 +130,7 @@ SECOND_TRY := --reruns 1 --max-suite-reruns 3 --rerun-show-tracebacks
 # a second.
 PROGRAMS := bench client deploy front mapshade_server program protocol splat_server tests/support
 
-tried: $(READY) tools
+tried: lint tools
 	@$(BIN)/python -m compileall -q $(PROGRAMS)
 	$(BIN)/pytest -n auto --dist worksteal $(SECOND_TRY)
 	VOLSPLAT_CPU_PATH=baseline $(BIN)/pytest -n auto --dist worksteal $(SECOND_TRY) $(PROPERTIES) $(NO_PATH)

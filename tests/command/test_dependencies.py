@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -137,3 +138,13 @@ def test_work_on_volsplat_brings_every_extra_and_what_tests_import() -> None:
     for path in (ROOT / "tests").rglob("*.py"):
         if "typings" not in path.parts and "fuzz" not in path.parts:
             assert libraries_of(path.relative_to(ROOT)) <= brought, path
+
+
+def test_what_is_loaded_while_volsplat_is_compiled_is_what_pip_takes_for_it() -> None:
+    """`make test` loads both at a time: without the list pip would compile volsplat first, to know its extras."""
+    command = [sys.executable, str(ROOT / "packaging" / "libraries.py"), "dev"]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    (own,) = [line for line in PROJECT["optional-dependencies"]["dev"] if line.startswith("volsplat")]
+    extras = ["dev", *re.findall(r"\w+", own.removeprefix("volsplat"))]
+    taken = PROJECT["dependencies"] + [line for extra in extras for line in PROJECT["optional-dependencies"][extra]]
+    assert sorted(listed) == sorted({line for line in taken if not line.startswith("volsplat")})
