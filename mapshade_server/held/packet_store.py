@@ -75,6 +75,8 @@ COLUMNS = "columns"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
 BLOCKS = "blocks"
 METADATA = "zarr.json"
+PREPARING = ".prepare"  # the folder in a store that is being made, with
+JOURNAL = "journal.json"  # what is finished
 BRICK_FIELDS = 5  # least and greatest density byte, least and greatest strength byte, whether it is stored
 STORED = 4
 NO_KEY = (1 << 32) - 1  # of any entry of a mixture
@@ -296,11 +298,20 @@ class PacketStore:
 
 def is_store(folder: Path) -> bool:
     """Whether a folder is a packet store, finished or not. Zarr is not imported for it."""
+    return has_attributes(folder) or _journal(folder).is_file()
+
+
+def has_attributes(folder: Path) -> bool:
+    """Whether a packet store's volume has been surveyed: until then it has a journal alone."""
     return PACKET_STORE in _group_attributes(folder)
 
 
+def _journal(folder: Path) -> Path:
+    return folder / PREPARING / JOURNAL
+
+
 def attributes_of(folder: Path) -> StoreAttributes:
-    """What a packet store says of itself, finished or not. Raises BadInput if there is none of this format."""
+    """What a packet store says of itself once it has attributes. Raises BadInput if there is none of this format."""
     return stored_attributes(str(folder), _group_attributes(folder))
 
 
@@ -315,6 +326,8 @@ def _group_attributes(folder: Path) -> dict[str, Any]:
 
 def open_store(place: str) -> PacketStore:
     """The store at a path or, with fsspec, a URL. Raises BadInput for what is no finished store."""
+    if _journal(Path(place)).is_file() and not has_attributes(Path(place)):
+        raise _unfinished(place, _begun_from(Path(place)))
     zarr = library("zarr", f"{place}: a packet store")
     try:
         group = zarr.open_group(folder_store(place) if Path(place).is_dir() else place, mode="r")
@@ -322,9 +335,22 @@ def open_store(place: str) -> PacketStore:
         raise BadInput(f"{place}: no packet store can be opened here ({' '.join(str(error).split())})") from None
     attributes = stored_attributes(place, dict(group.attrs))
     if not attributes.complete:
-        name = attributes.source.name
-        raise BadInput(f"{place}: was not finished; run the `volsplat prepare` that began it from {name} once more")
+        raise _unfinished(place, attributes.source.name)
     return PacketStore(place, group, attributes)
+
+
+def _unfinished(place: str, source: str) -> BadInput:
+    began = f"that began it from {source}" if source else "that began it"
+    return BadInput(f"{place}: was not finished; run the `volsplat prepare` {began} once more")
+
+
+def _begun_from(folder: Path) -> str:
+    """The name of the volume that a journal tells; "" if it tells none."""
+    try:
+        name = json.loads(_journal(folder).read_bytes())["wish"]["source"]["name"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+    return name if isinstance(name, str) else ""
 
 
 def stored_attributes(place: str, attributes: dict[str, Any]) -> StoreAttributes:

@@ -13,13 +13,11 @@ from pathlib import Path
 
 import msgspec
 
-from volsplat.mapshade_server.held.packet_store import Source
+from volsplat.mapshade_server.held.packet_store import JOURNAL, PREPARING, Source
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.protocol.text.errors import BadInput
 
-FOLDER = ".prepare"
-NAME = "journal.json"
 LOCK = "lock"
 WITHOUT_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP}  # as Lustre that was mounted without flock has it
 
@@ -46,8 +44,8 @@ class Journal:
 
     def __init__(self, out: Path, wish: Wish) -> None:
         """Takes up the journal that is there. Raises BadInput if it is of another source or other options."""
-        self.folder = out.absolute() / FOLDER  # as all machines know it
-        self._path = out / FOLDER / NAME
+        self.folder = out.absolute() / PREPARING  # as all machines know it
+        self._path = out / PREPARING / JOURNAL
         self.state = State(wish)
         self.is_new = not self._path.exists()
         if self.is_new:
@@ -107,7 +105,7 @@ def other_options(out: Path) -> BadInput:
 @contextmanager
 def alone(out: Path, progress: Progress) -> Iterator[None]:
     """Keeps other processes from preparing the same store meanwhile. Raises BadInput if one does."""
-    folder = out / FOLDER
+    folder = out / PREPARING
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK).open("w") as lock:
         try:

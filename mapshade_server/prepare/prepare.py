@@ -19,17 +19,18 @@ from volsplat.mapshade_server.held.packet_store import (
     BRICKS,
     COLUMNS,
     MIXTURES,
+    PREPARING,
     Source,
     StoreAttributes,
     StoredLevel,
     attributes_of,
-    is_store,
+    has_attributes,
 )
 from volsplat.mapshade_server.held.sheet_reader import BYTES_AT_ONCE, SheetReader
 from volsplat.mapshade_server.held.volume_identity import identified_volume, identity_of
 from volsplat.mapshade_server.prepare.executor import Executor, Threads
 from volsplat.mapshade_server.prepare.halving import mean_type
-from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
+from volsplat.mapshade_server.prepare.journal import Journal, Wish, alone, check_source, other_options
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, memory_plan
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
@@ -86,7 +87,7 @@ def prepare(volume: str, out: Path, options: Options, progress: Progress, pool: 
         with alone(out, progress):
             preparation.run(pool)
         seconds = time.perf_counter() - started
-    shutil.rmtree(out / FOLDER, ignore_errors=True)
+    shutil.rmtree(out / PREPARING, ignore_errors=True)
     return Prepared(attributes_of(out), preparation.source_bytes, seconds)
 
 
@@ -123,8 +124,8 @@ class Preparation:
 
     def is_done(self) -> bool:
         """Whether the store is complete. Raises BadInput if something else stands in its place."""
-        if not is_store(self._out):
-            if self._out.exists() and not (self._out / FOLDER).is_dir() and not _is_empty_folder(self._out):
+        if not has_attributes(self._out):
+            if self._out.exists() and not (self._out / PREPARING).is_dir() and not _is_empty_folder(self._out):
                 raise BadInput(f"{self._out}: is there already and is no packet store; name another place")
             return False
         there = attributes_of(self._out)
@@ -141,7 +142,7 @@ class Preparation:
         sweep(self._out)
         with self._executor(pool, journal) as executor:
             source = self._source(journal, executor)
-            if journal.is_new or not is_store(self._out):
+            if journal.is_new or not has_attributes(self._out):
                 self._survey(source, journal, executor)
             attributes = attributes_of(self._out)
             writer = StoreWriter(self._out.absolute(), attributes, self._options.layout)

@@ -40,7 +40,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT, Person
 from support.scenes.arbitrary import geometries
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.held.packet_store import PacketStore, attributes_of, open_store
+from volsplat.mapshade_server.held.packet_store import PacketStore, attributes_of, has_attributes, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.command import window_from_option
 from volsplat.mapshade_server.prepare.halving import halved, mean_type
@@ -251,6 +251,26 @@ def open_fails(out: Path) -> bool:
     except BadInput:
         return True
     return False
+
+
+def test_a_store_that_was_ended_before_its_survey_is_called_unfinished(tmp_path: Path) -> None:
+    class Ending(Told):
+        def begin(self, stage: str, total: int) -> None:
+            raise KeyboardInterrupt
+
+    out = tmp_path / "o.zarr"
+    with pytest.raises(KeyboardInterrupt):
+        prepare_small(written(tmp_path / "volume.nrrd", values_of("int16")), out, told=Ending())
+    assert not has_attributes(out)
+    unfinished = "o.zarr: was not finished; run the `volsplat prepare` that began it from volume.nrrd once more"
+    with pytest.raises(BadInput, match=unfinished):
+        SingleProcess(out)
+    person = Person(tmp_path)
+    for command in (("info", "o.zarr"), ("render", "o.zarr", "-o", "o.png", "--workers", "1")):
+        done = person.runs(*command)
+        assert done.returncode == 2 and done.stderr.strip().endswith(unfinished), done.stderr
+    prepare_small(tmp_path / "volume.nrrd", out)
+    assert attributes_of(out).complete
 
 
 def test_ctrl_c_leaves_a_store_that_the_same_command_finishes(tmp_path: Path) -> None:
