@@ -12,6 +12,7 @@ from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.reading.file_marks import HEAD_BYTES, check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.reading.gzip_files import DAMAGED_GZIP, GZIP_MAGIC
+from volsplat.mapshade_server.readers.reading.headers_beside import header_naming
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume_name import volume_name
@@ -233,6 +234,8 @@ def _opened(path: Path, part: str) -> OpenedVolume:
         return DICOM.open(path, part)
     if head.startswith(GZIP_MAGIC):
         raise BadInput(f"{path}: {'is packed by gzip twice; unpack it by gunzip' if packed else DAMAGED_GZIP}")
+    if header := header_naming(path):
+        raise BadInput(f"{path}: has the voxels that {header.name} beside it describes; open that instead")
     mark, a_gzip = mark_of(head), "a gzip of " if packed else ""
     if mark is not None:
         raise BadInput(f"{path}: is {a_gzip}{mark.what}, which is not read; {mark.cure}")

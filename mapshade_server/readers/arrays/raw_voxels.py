@@ -14,6 +14,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.headers_beside import header_naming
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import BYTE_ORDERS, Piece, StoredVoxels, unpacked_size
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
@@ -94,9 +95,10 @@ def _in_sidecar(path: Path) -> dict[str, str]:
 
 
 def _undescribed(path: Path, said: ArrayPart) -> BadInput:
-    for header in (path.with_suffix(extension) for extension in HEADERS):
-        if header.is_file() and not said.options:
-            return BadInput(f"{path}: raw voxels without a header; open {header.name} beside it instead")
+    own = (path.with_suffix(extension) for extension in HEADERS)
+    header = header_naming(path) or next((one for one in own if one.is_file()), None)
+    if header is not None and not said.options:
+        return BadInput(f"{path}: raw voxels without a header; open {header.name} beside it instead")
     missing = " and ".join(key for key in ("dims", "type") if key not in said.options)
     return BadInput(
         f"{path}: raw voxels without a header, of unknown {missing}; say what they are, as in {path}#{EXAMPLE} "

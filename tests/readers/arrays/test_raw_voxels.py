@@ -125,6 +125,21 @@ def test_a_sidecar_that_is_made_to_do_harm_is_refused_in_one_line(told: str, tmp
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("name", ["voxels.zraw", "mole[cule].binary", "7", "voxels.raw", "voxels.raw.gz"])
+@pytest.mark.parametrize("header, line", [("a.mhd", "ElementDataFile = {}"), ("a.nhdr", "data file: ./{}")])
+def test_a_file_whose_name_a_header_beside_it_bears_is_that_header_s(
+    name: str, header: str, line: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(bytes(range(1, 200)))
+    (tmp_path / "of_another.mhd").write_text(f"ElementDataFile = not{name}\n")
+    with pytest.raises(BadInput) as refusal:
+        open_volume(str(tmp_path / name))
+    assert "beside it" not in str(refusal.value)
+    (tmp_path / header).write_text(f"of any kind\n{line.format(name)}\n")
+    with pytest.raises(BadInput, match=rf"{header} beside it.*instead"):
+        open_volume(str(tmp_path / name))
+
+
 def test_a_header_beside_is_pointed_at(tmp_path: Path) -> None:
     path = raw(tmp_path, values_of("int16"))
     path.with_suffix(".nhdr").write_text("NRRD0004\n")
