@@ -16,7 +16,14 @@ from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene, St
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
-from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, Dda, GridOnScreen, grid_on_screen
+from volsplat.protocol.rules.grid_on_screen import (
+    FIXED_ONE,
+    LARGEST_POSITION,
+    Dda,
+    GridOnScreen,
+    grid_on_screen,
+    layer_distances,
+)
 from volsplat.protocol.rules.level_gain import footprint_gain
 from volsplat.protocol.rules.levels import Resolution, bounds_at_level, dims_at_level, own_resolution
 from volsplat.protocol.rules.packet_layout import BLOCK_ROWS
@@ -187,7 +194,10 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, drawn: Resolution, gr
     if STEP_RULES[step].slabs:
         return _planned_slabs(scene, geometry, step, grid, bounds)
     order = resolved_order(scene, geometry)
-    traversal = traversal_of(grid.ray_to_viewer(), order)
+    if STEP_RULES[step].footprint:
+        traversal = traversal_of(grid.ray_to_viewer(), order, layer_distances(drawn.geometry))
+    else:
+        traversal = traversal_of(grid.ray_to_viewer(), order)
     strides = traversal.on_axes(drawn.strides)
     i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], strides[axis]) for axis in range(3))
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index

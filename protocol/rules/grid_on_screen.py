@@ -18,6 +18,7 @@ from volsplat.protocol.rules.levels import factors_of, point_at_level, thickness
 from volsplat.protocol.rules.resolved_view import bounding_radius, resolved_center, resolved_zoom, screen_rotation
 
 FRACTION_BITS = 32
+DISTANCE_BITS = 20
 FIXED_ONE = 1 << FRACTION_BITS
 LARGEST_POSITION = 1 << 29  # pixels; beyond it 64 bits would not hold the DDA
 
@@ -93,6 +94,16 @@ class GridOnScreen:
             for axis in range(3)
         )
         return (x, y, z)
+
+
+def layer_distances(geometry: Geometry) -> Index:
+    """How far the layers of neighbouring i, j and k are apart, in fixed point and reference spacings.
+
+    Times what a ray adds to an index that is the cosine of how far a layer is turned away from the viewer.
+    """
+    across = matrices.times(matrices.inverse(geometry.index_to_physical), geometry.reference_spacing)
+    i, j, k = (math.floor((1 << DISTANCE_BITS) / matrices.length(row) + 0.5) for row in across)
+    return (i, j, k)
 
 
 def grid_on_screen(scene: Scene, geometry: Geometry, level: Geometry | None = None) -> GridOnScreen:

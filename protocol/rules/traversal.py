@@ -2,7 +2,8 @@
 
 A ray to the viewer changes i, j and k at constant rates. The axis that changes most is the outermost loop (sheet),
 the one that changes least the innermost (sample). A zero delta counts as positive; of equal magnitudes k comes
-before j before i.
+before j before i. For footprints deltas count times the distance of layers, so that the sheets are those that face the
+viewer most.
 """
 
 import math
@@ -37,13 +38,18 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (sheet, row, sample)
 
 
-def traversal_of(ray: Index, order: Order) -> Traversal:
+EVERY_LAYER_ALIKE: Index = (1, 1, 1)
+
+
+def traversal_of(ray: Index, order: Order, distances: Index = EVERY_LAYER_ALIKE) -> Traversal:
     """The traversal for a ray that runs to the viewer by `ray` in i, j and k (any unit).
 
     With equal spacings the ray's deltas are those of depth, dz/di, dz/dj and dz/dk, that the paper inspects. With
-    unequal ones or skew they are not: rays cross the grid's cells by the rule here, whatever the spacings.
+    unequal ones or skew they are not: rays cross the grid's cells by the rule here, whatever the spacings. Loops that
+    each run the way of the ray visit what is behind and what is before in order, however they are nested. Which is the
+    outer one is free, where `distances` of layers say it.
     """
-    axes = sorted((2, 1, 0), key=lambda axis: -abs(ray[axis]))
+    axes = sorted((2, 1, 0), key=lambda axis: -abs(ray[axis]) * distances[axis])
     back_to_front = order == Order.BACK_TO_FRONT
     sheet, row, sample = axes
     return Traversal(

@@ -49,7 +49,11 @@ class _Drawing:
     def _find_order(self) -> None:
         ray = self.book.zoom * np.linalg.inv(self.screen)[:, 2]
         fixed = [_rounded(2.0**32 * r) for r in ray]
-        self.axes = sorted((2, 1, 0), key=lambda a: -abs(fixed[a]))
+        apart = [1, 1, 1]
+        if self.footprints:
+            rows = np.linalg.norm(np.linalg.inv(self.book.to_physical), axis=1)
+            apart = [_rounded(2.0**20 / (self.spacing * row)) for row in rows]
+        self.axes = sorted((2, 1, 0), key=lambda a: -abs(fixed[a]) * apart[a])
         self.upwards = [(fixed[a] >= 0) != self.book.front_to_back for a in self.axes]
 
     # 5. colour and opacity

@@ -165,8 +165,8 @@ def test_all_48_traversals_of_a_cube_go_by_depth(
 def test_rows_longer_than_a_runs_offsets_are_split(sample_axis: int, order: Order) -> None:
     size = [2, 2, 2]
     size[sample_axis] = 300
-    # The long axis lies in the screen, along a diagonal; the others lead into depth
-    rows = [[0.1, 0.2, 0.3], [0.3, 0.2, 0.1], [1.0, 2.0, 3.0]]
+    # The long axis lies in the screen, along a diagonal; the others lead into depth and across it
+    rows = [[1.0, -0.8, 0.3], [1.5, -1.5, 0.2], [1.0, 1.0, 2.0]]
     rows[0][sample_axis], rows[1][sample_axis], rows[2][sample_axis] = 5.0, -3.0, 0.5
     x, y, z = ((row[0], row[1], row[2]) for row in rows)
     geometry = Geometry((size[0], size[1], size[2]), (x, y, z))

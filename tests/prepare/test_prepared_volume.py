@@ -1,6 +1,7 @@
 """Volumes that were prepared: drawn by levels from a packet store, by sessions and single processes alike."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -323,9 +324,15 @@ class Template(NamedTuple):
 @pytest.fixture(scope="module")
 def template(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Template]:
     """An MR template of a brain, and its level."""
-    name, out = str(shared_data / "nrrd" / "template_T2.nrrd"), tmp_path_factory.mktemp("template") / "levels.zarr"
-    prepare(name, out, Options(), Silent())
-    with SingleProcess(name) as plain, SingleProcess(out) as levels:
+    with with_levels(shared_data / "nrrd" / "template_T2.nrrd", tmp_path_factory.mktemp("template")) as both:
+        yield both
+
+
+@contextmanager
+def with_levels(volume: Path, folder: Path) -> Iterator[Template]:
+    out = folder / "levels.zarr"
+    prepare(str(volume), out, Options(), Silent())
+    with SingleProcess(volume) as plain, SingleProcess(out) as levels:
         yield Template(plain, levels)
 
 
@@ -337,3 +344,11 @@ def test_a_level_of_bright_colours_is_as_bright_from_every_side(preset: str, tem
     bright = [measured(preset, 1, side, template.plain, template.levels) for side in sides]
     assert max(abs(one.of_volume - 1.0) for one in bright) <= 0.025
     assert max(abs(one.jump) for one in bright) <= 1.6
+
+
+def test_a_level_of_thick_slices_is_as_bright_from_oblique_sides(shared_data: Path, tmp_path: Path) -> None:
+    """If its sheets were those that a ray passes most of, others than the volume's, bone would jump by up to 5/255."""
+    sides = [OBLIQUE[3], (215.0, -50.0), (220.0, -60.0)]
+    with with_levels(shared_data / "nifti" / "CT_pitch.nii.gz", tmp_path) as (plain, levels):
+        bright = [measured("ct-bone", 1, side, plain, levels) for side in sides]
+    assert max(abs(one.jump) for one in bright) <= 2.0

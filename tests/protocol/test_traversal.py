@@ -14,11 +14,13 @@ from support.scenes.arbitrary import plain_scene, quaternion_to, situations
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.traversal import Traversal, traversal_of, visits_of
 
 # So unequal that within a 5x6x7 cube no two steps of one loop make up for one of the next outer loop.
 UNEQUAL = (1.0, 0.1, 0.01)
+ROUNDED = 1e-4  # of a cosine, by the distance of layers in fixed point
 
 
 def other(order: Order) -> Order:
@@ -44,13 +46,13 @@ def test_each_of_48_traversals_of_a_cube_is_a_sort_by_depth(
     assert torch.equal(visited, every[torch.argsort(depth, descending=order == Order.FRONT_TO_BACK)])
 
 
-@given(situations(), st.randoms(use_true_random=False))
+@given(situations(), st.sampled_from((Step.C, Step.D)), st.randoms(use_true_random=False))
 def test_of_two_voxels_on_one_ray_the_farther_is_visited_first_back_to_front(
-    situation: tuple[Scene, Geometry], random: Random
+    situation: tuple[Scene, Geometry], step: Step, random: Random
 ) -> None:
     scene, geometry = situation
     scene = msgspec.structs.replace(scene, order=Order.BACK_TO_FRONT, bounds=plain_scene().bounds)
-    samples = mapping.samples_of(scene, geometry, plan_frame(scene, geometry, Step.C))
+    samples = mapping.samples_of(scene, geometry, plan_frame(scene, geometry, step))
     ordinal = {tuple(index): n for n, index in enumerate(samples.indices.tolist())}
     to_viewer = torch.zeros((3, 1), dtype=torch.float64)
     to_viewer[2] = 1
@@ -98,6 +100,31 @@ def test_thick_slices_seen_almost_along_them_are_not_taken_for_sheets() -> None:
     tilted_gantry = ((1.0, 0.0, 0.0), (0.0, 1.0, 2.5), (0.0, 0.0, 4.3))
     along_j = View(rotation=quaternion_to((0.0, 1.0, 0.0)))
     assert plan_frame(plain_scene(view=along_j), Geometry((9, 9, 9), tilted_gantry), Step.C).traversal.axes[0] == 1
+
+
+@given(situations())
+def test_sheets_of_footprints_are_the_layers_that_face_the_viewer_most(situation: tuple[Scene, Geometry]) -> None:
+    scene, geometry = situation
+    steps = mapping.steps_on_screen(scene, geometry)
+    facing = [
+        abs(float(torch.nn.functional.normalize(torch.linalg.cross(steps[:, one], steps[:, other]), dim=0)[2]))
+        for one, other in ((1, 2), (2, 0), (0, 1))
+    ]
+    sheet, row, sample = plan_frame(scene, geometry, Step.D).traversal.axes
+    assert facing[sheet] >= facing[row] - ROUNDED >= facing[sample] - 2 * ROUNDED
+
+
+def test_footprints_of_a_level_have_the_sheets_that_the_volume_has() -> None:
+    """Its voxels are cubes where those of the volume are twice as long along k: a ray passes most on another axis."""
+    geometry = Geometry((8, 8, 4), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)))
+    level = Geometry((4, 4, 4), ((2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))
+    scene = plain_scene(view=View(rotation=quaternion_to((0.1, 0.6, 0.7))))
+    resolutions = [Resolution(n, grid, 1) for n, grid in enumerate((geometry, level))]
+    by_step = {
+        step: [plan_frame(scene, geometry, step, drawn).traversal.axes for drawn in resolutions]
+        for step in (Step.C, Step.F)
+    }
+    assert by_step == {Step.C: [(1, 2, 0), (2, 1, 0)], Step.F: [(2, 1, 0), (2, 1, 0)]}
 
 
 @given(st.integers(0, 50), st.integers(1, 40), st.sampled_from((1, 2, 4)))
