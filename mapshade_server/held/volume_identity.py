@@ -1,6 +1,6 @@
 """The identity of the volume that a reader has opened, and its refusal if another one was described.
 
-Looks at a few hundred KiB at most, whatever the volume's size: bytes that lie evenly over all files.
+Looks at all bytes of a small volume, and of any other at a few hundred KiB that lie evenly over all files.
 """
 
 import hashlib
@@ -8,7 +8,7 @@ import os
 import socket
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import TypeVar
@@ -25,7 +25,9 @@ from volsplat.protocol.text.errors import BadInput
 
 LOCAL_URL = "file://"
 HEADER_BYTES = 1024
-BLOCKS = 64
+WHOLE_BYTES = 4 << 20  # up to which a volume is looked at as a whole, in some milliseconds
+WHOLE_BLOCK_BYTES = 1 << 20
+BLOCKS = 64  # of a larger one
 BLOCK_BYTES = 4096
 DIGEST_BYTES = 16
 
@@ -84,7 +86,7 @@ def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) ->
     try:
         files = files_of(opened, Path(place))
         states = [file.state() for file in files]
-        blocks = list(_blocks(files, [state.size for state in states]))
+        contents = _digest(_blocks(files, [state.size for state in states]))
         first = files[0].read([Span(0, HEADER_BYTES)]) if files else []
         lies_at = _place(place)
     except OSError as error:
@@ -93,7 +95,7 @@ def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) ->
     return VolumeIdentity(
         size=sum(state.size for state in states),
         header=_digest([f"{dims} {description.scalar_type}".encode(), *first]),
-        contents=_digest(blocks),
+        contents=contents,
         times=_digest([f"{state.size} {state.changed}".encode() for state in states]),
         place=_digest([os.fsencode(part) for part in lies_at]),
     )
@@ -135,22 +137,25 @@ def _stamp(volume: str) -> tuple[int, int, int] | None:
 
 
 def _blocks(files: Sequence[VolumeFile], sizes: Sequence[int]) -> Iterator[bytes]:
-    """Bytes that lie evenly over all files, as if they were one; all bytes if there are few."""
+    """All bytes if they are no more than WHOLE_BYTES, else some that lie evenly over all files, as if they were one."""
     ends = list(accumulate(sizes))
     total = ends[-1] if ends else 0
-    starts = range(0, total, BLOCK_BYTES)
-    if len(starts) > BLOCKS:
-        starts = [n * (total - BLOCK_BYTES) // (BLOCKS - 1) for n in range(BLOCKS)]  # type: ignore[assignment]
+    if total <= WHOLE_BYTES:
+        block, at_once, starts = WHOLE_BLOCK_BYTES, 1, list(range(0, total, WHOLE_BLOCK_BYTES))
+    else:
+        block, at_once = BLOCK_BYTES, BLOCKS
+        starts = [n * (total - block) // (BLOCKS - 1) for n in range(BLOCKS)]
     spans: dict[int, list[Span]] = defaultdict(list)
     for start in starts:
-        end = min(start + BLOCK_BYTES, total)
+        end = min(start + block, total)
         while start < end:  # a block may go on in the next file
             n = bisect_right(ends, start)
             stop = min(end, ends[n])
             spans[n].append(Span(start - ends[n] + sizes[n], stop - start))
             start = stop
     for n, of_file in spans.items():
-        yield from files[n].read(of_file)
+        for first in range(0, len(of_file), at_once):
+            yield from files[n].read(of_file[first : first + at_once])
 
 
 def _place(place: str) -> list[str]:
@@ -161,7 +166,7 @@ def _place(place: str) -> list[str]:
     return [socket.gethostname(), str(os.stat(os.path.dirname(path)).st_dev), path]
 
 
-def _digest(parts: Sequence[bytes]) -> str:
+def _digest(parts: Iterable[bytes]) -> str:
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))

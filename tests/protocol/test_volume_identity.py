@@ -2,13 +2,17 @@
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from support.files.head_volume import SIZE, skin
 from support.files.loopback_files import served
@@ -21,14 +25,29 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.held.volume_identity import BLOCK_BYTES, identified_store, identified_volume
+from volsplat.mapshade_server.held.volume_identity import (
+    BLOCK_BYTES,
+    WHOLE_BYTES,
+    identified_store,
+    identified_volume,
+    identity_of,
+)
 from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile, disk_files
 from volsplat.protocol.description.scene import Quantise, Scene, Step
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput
 
 NAME = "head.nrrd"
+DESCRIPTION = VolumeDescription(
+    name="head", format="test", geometry=Geometry(dims=(256, 256, 256)), scalar_type="uint8"
+)
 LONG_AGO = 10**18  # nanoseconds since 1970
+
+
+class Files(NamedTuple):
+    files: Sequence[VolumeFile]
 
 
 def written(path: Path, size: tuple[int, int, int] = SIZE, kind: str = "head") -> Path:
@@ -56,6 +75,22 @@ def turned(path: Path, other: Path) -> None:
     assert b"sizes: 32 40 36" in content
     other.parent.mkdir(exist_ok=True)
     other.write_bytes(content.replace(b"sizes: 32 40 36", b"sizes: 40 32 36"))
+
+
+@given(st.integers(0, WHOLE_BYTES - 1), st.integers(1, 3))
+@settings(max_examples=15)
+def test_any_byte_tells_two_small_volumes_apart(at: int, size: int) -> None:
+    """In whichever of its files it lies."""
+    with TemporaryDirectory() as folder:
+        files = [Path(folder, f"{n}.raw") for n in range(size)]
+        contents = np.arange(WHOLE_BYTES, dtype=np.uint32).astype(np.uint8)
+        seen = set()
+        for _ in range(2):
+            for file, part in zip(files, np.array_split(contents, size), strict=True):
+                file.write_bytes(part.tobytes())
+            seen.add(identity_of("a volume", Files(disk_files(files)), DESCRIPTION).contents)
+            contents[at] ^= 1
+        assert len(seen) == 2
 
 
 # -- two servers

@@ -121,7 +121,8 @@ def test_prepare_reads_a_file_in_rows_three_times(tmp_path: Path) -> None:
         taken.append((bytes_read() - before - columns) / path.stat().st_size)
     # Of the levels' float32 values and gradients, and of buffers for many small files; along j and k, of the last pass.
     means, halo = 1.2, 2 / layout.shard
-    assert 3.0 < taken[1] < 3.0 + means + 2 * halo
+    looks = 2.0  # at all of so small a file, before and after, for its identity
+    assert 3.0 < taken[1] - looks < 3.0 + means + 2 * halo
 
 
 def test_a_survey_keeps_no_sheets() -> None:
