@@ -44,7 +44,7 @@ from volsplat.mapshade_server.prepare.store_writer import ShardPlace, StoreWrite
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.program.task_pool import TaskPool
-from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.description.volume_name import absolute_name, volume_name
 from volsplat.protocol.rules.levels import factors_of
@@ -235,7 +235,7 @@ class Preparation:
         attributes = StoreAttributes(
             complete=False,
             source=self._wish.source,
-            description=msgspec.structs.replace(self._description, reads_sub_cubes=True, why_whole="", chunk=(1, 1, 1)),
+            description=_told_by_store(self._description, self._volume),
             survey=surveyed.survey,
             quantisation=quantisation,
             background=surveyed.background(self._description, quantisation),
@@ -331,6 +331,17 @@ def _source(volume: str, identity: VolumeIdentity) -> Source:
     name = volume_name(volume)
     shown = name if name.is_url else name._replace(place=Path(name.place).name)
     return Source(str(shown), identity.at_no_place())
+
+
+def _told_by_store(description: VolumeDescription, volume: str) -> VolumeDescription:
+    """A description as the store has it, whose notes name the folder of no volume, and cures that act on the store."""
+    place = Path(volume_name(volume).place)
+    notes = tuple(
+        note.replace(str(place), place.name)
+        + ("; for the store prepare it anew from that" if f"{place}#" in note else "")
+        for note in description.warnings
+    )
+    return msgspec.structs.replace(description, reads_sub_cubes=True, why_whole="", chunk=(1, 1, 1), warnings=notes)
 
 
 def _is_empty_folder(path: Path) -> bool:

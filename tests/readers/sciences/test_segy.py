@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 import tolerances
 from support.files.counted_bytes import bytes_read
 from support.files.opened import described, read_whole
+from support.files.prepared import prepare_small
 from support.files.refusals import assert_refused_in_one_line
+from volsplat.mapshade_server.held.packet_store import attributes_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -280,6 +282,13 @@ def test_depth_needs_no_velocity_and_time_may_have_another(tmp_path: Path) -> No
     assert axes_told(fast)[0] == ("time", "ms", 100.0, 4.0)
     assert step(fast, 0) == (0, 0, -6) and fast.geometry.origin == (0, 0, -150)
     assert "velocity of 3000 m/s, 1.5 m for each ms" in fast.warnings[0]
+
+
+def test_a_store_says_to_prepare_it_anew_with_another_velocity(tmp_path: Path) -> None:
+    path = written(tmp_path / "survey.sgy", by_inline())
+    prepare_small(path, tmp_path / "survey.zarr")
+    (note,) = attributes_of(tmp_path / "survey.zarr").description.warnings
+    assert note.endswith("another as in survey.sgy#velocity=3000; for the store prepare it anew from that")
 
 
 def test_numbers_may_lie_elsewhere_in_the_header(tmp_path: Path) -> None:
