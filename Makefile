@@ -55,7 +55,8 @@ $(BUILD_TOOLS): pyproject.toml | $(VENV)/bin/python
 		print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['build'])")
 	@touch $@
 
-# To compile takes a minute or two and none of the libraries, which are loaded and unpacked meanwhile.
+# To compile takes a minute or two and none of the libraries, which are loaded and unpacked meanwhile. They need the build
+# tools as well: two runs of pip must not put the same ones in place at once.
 COMPILED := $(VENV)/.compiled
 $(COMPILED): $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@echo "beside it: volsplat; compiling its kernels takes a minute or two"
@@ -63,7 +64,7 @@ $(COMPILED): $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@touch $@
 
 LIBRARIES := $(VENV)/.libraries
-$(LIBRARIES): pyproject.toml constraints.txt packaging/libraries.py $(TORCH)
+$(LIBRARIES): pyproject.toml constraints.txt packaging/libraries.py $(TORCH) | $(BUILD_TOOLS)
 	@echo "3 of 3: what volsplat and its tests need"
 	$(BIN)/python packaging/libraries.py dev > $@.txt
 	$(PIP) install -c constraints.txt -r $@.txt
