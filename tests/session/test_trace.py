@@ -100,10 +100,10 @@ def test_frames_that_threads_take_from_each_other_are_traced_without_a_loss(
     with Session(head, workers=2, trace=tmp_path / "trace.json", on_loss=losses.append) as session:
 
         def draw(pauses: Random) -> None:
-            for _ in range(150):
+            for _ in range(60):
                 with suppress(FrameGivenUp):
                     session.render(scene)
-                threading.Event().wait(pauses.uniform(0.0, 0.03))  # so that they overtake each other anywhere
+                threading.Event().wait(pauses.uniform(0.0, 0.02))  # so that they overtake each other anywhere
 
         drawing = [threading.Thread(target=draw, args=(Random(seed),)) for seed in range(2)]
         for thread in drawing:
