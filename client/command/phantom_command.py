@@ -16,11 +16,14 @@ from volsplat.client.command.side_console import SideConsole
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.phantoms.volume_writer import check_voxels_apart, write_phantom, written_at
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.text.byte_sizes import size_on_disk
 from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:
     from torch import Tensor
 
+
+LARGE = 1 << 30  # bytes
 
 HELP = f"""Make the volume NAME and write it to a file.
 
@@ -47,6 +50,8 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
     )
     ni, nj, nk = made.geometry.dims
     console = SideConsole()
+    if (size_made := ni * nj * nk * made.dtype.itemsize) >= LARGE:
+        console.say(f"makes {size_on_disk(size_made)} of voxels, which takes long; Ctrl-C ends it")
     with shown_progress(nk, console) as (tell, done):
         tell("making sheets")
         write_phantom(output, made._replace(sheets=_counted(made.sheets, done)))

@@ -39,3 +39,13 @@ def test_elsewhere_there_is_one_line(tmp_path: Path) -> None:
     command = [VOLSPLAT, "phantom", "shells", "--size", "8", "-o", str(tmp_path / "shells.nrrd")]
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE)
     assert done.stderr.count("\n") == 1 and "8 x 8 x 8 voxels" in done.stderr
+
+
+def test_what_fills_disks_says_so_first(tmp_path: Path) -> None:
+    command = [VOLSPLAT, "phantom", "seismic", "--size", "32x32768x1024", "-o", str(tmp_path / "seismic.nrrd")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as making:
+        assert making.stderr is not None
+        try:
+            assert making.stderr.readline() == "makes 4.29 GB of voxels, which takes long; Ctrl-C ends it\n"
+        finally:
+            making.kill()
