@@ -46,9 +46,9 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, no_room
-from volsplat.mapshade_server.readers.reading.vtk_ghosts import type_without_hidden, without_hidden
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, no_room
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import Ghosts, Reader
+from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -111,29 +111,32 @@ def _picks(path: Path, name: str) -> Pick:
 
 def _image(part: ArrayPart, image: Hdf5Image, file: Any) -> OpenedVolume:
     """The reader for an image that says its place in its program's way."""
-    for path in filter(None, (image.ghosts, image.path)):
+    for path in filter(None, (image.point_ghosts, image.cell_ghosts, image.path)):
         part = part._replace(path=path)
         _check_readable(part, file[path])
     dataset = file[image.path]
     values = plain_values(part.whole, dataset.dtype)
+    pick = _picks(Path(part.place), image.path)
+    ghosts = Ghosts(_ghosts(part, image, image.point_ghosts), _ghosts(part, image, image.cell_ghosts))
+    scalar_type, read = ghosts.shown(
+        values.scalar_type, lambda box: values.of(pick(image.selection(box))), image.geometry.dims, image.of_cells
+    )
     description = VolumeDescription(
         name=Path(part.place).name,
         format=image.format,
         geometry=image.geometry,
-        scalar_type=type_without_hidden(values.scalar_type) if image.ghosts else values.scalar_type,
+        scalar_type=scalar_type,
         unit=image.unit,
         anatomical=image.anatomical,
         density_name=image.density_name,
         warnings=tuple(_told_missing(dataset)),
     )
-    pick, pick_ghosts = (_picks(Path(part.place), path) for path in (image.path, image.ghosts))
-
-    def read(box: Box) -> Voxels:
-        selection = image.selection(box)
-        voxels = values.of(pick(selection))
-        return without_hidden(voxels, pick_ghosts(selection), image.of_cells) if image.ghosts else voxels
-
     return OpenedVolume(description, read, parts=image.parts)
+
+
+def _ghosts(part: ArrayPart, image: Hdf5Image, path: str) -> Reader | None:
+    pick = _picks(Path(part.place), path)
+    return (lambda dims: lambda box: pick(image.selection(box))) if path else None
 
 
 @contextmanager

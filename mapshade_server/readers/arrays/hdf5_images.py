@@ -5,7 +5,7 @@ https://imaris.oxinst.com/support/imaris-file-format. Nothing here reads voxels.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,8 @@ IMARIS_DATA = re.compile(r"/?DataSet/ResolutionLevel (\d+)/TimePoint (\d+)/Chann
 class Hdf5Image:
     """A dataset by its path, where its voxels lie, and what is known of them; `frame` is its first index, if it has.
 
-    `ghosts` is the path of what tells which of its voxels are hidden, "" if nothing does.
+    `point_ghosts` and `cell_ghosts` are the paths of what tells which of VTK's points and cells are hidden, "" if
+    nothing does.
     """
 
     path: str
@@ -42,7 +43,8 @@ class Hdf5Image:
     unit: str = ""
     anatomical: bool = False
     parts: Sequence[Part] = ()  # that could be taken in its place
-    ghosts: str = ""
+    point_ghosts: str = ""
+    cell_ghosts: str = ""
     of_cells: bool = False
 
     def selection(self, box: Box) -> tuple[int | slice, ...]:
@@ -113,8 +115,10 @@ def _of_vtk(part: ArrayPart, group: Any) -> Hdf5Image:
     format_name = "VTKHDF image, values of cells" if of_cells else "VTKHDF image"
     frame = None if steps is None else _chosen(part, "t", dataset.shape[0], [])
     parts = [array_told(one.name, one.shape) for one in others] if _is_silent(part) and len(others) > 1 else ()
-    ghosts = f"{dataset.parent.name}/{GHOSTS}"
-    hides = ghosts in arrays and (arrays[ghosts].shape, arrays[ghosts].dtype.name) == (dataset.shape, GHOST_TYPE)
+    point_ghosts, cell_ghosts = (
+        _ghosts(arrays, f"{group.name}/{name}", (*dataset.shape[:-3], *grid.dims[::-1]))
+        for name, grid in (("PointData", points), ("CellData", cells))
+    )
     return Hdf5Image(
         dataset.name,
         format_name,
@@ -122,9 +126,16 @@ def _of_vtk(part: ArrayPart, group: Any) -> Hdf5Image:
         dataset.name.rpartition("/")[2],
         frame,
         parts=parts,
-        ghosts=ghosts if hides else "",
+        point_ghosts=point_ghosts,
+        cell_ghosts=cell_ghosts,
         of_cells=of_cells,
     )
+
+
+def _ghosts(arrays: Mapping[str, Any], group: str, shape: tuple[int, ...]) -> str:
+    """The path of what tells which points or cells are hidden, "" if nothing does."""
+    found = arrays.get(f"{group}/{GHOSTS}")
+    return found.name if found is not None and (found.shape, found.dtype.name) == (shape, GHOST_TYPE) else ""
 
 
 def _is_silent(part: ArrayPart) -> bool:

@@ -39,25 +39,22 @@ def open_legacy_vtk(path: Path, part: str) -> OpenedVolume:
     array = chosen_array(path, part, header.arrays, header.active)
     if not array.scalar_type:
         refuse_vectors(path, f"voxels of type {array.stated_type} in {array.name}")
-    _check_count(path, header, array)
     why_whole = "" if header.binary else "the voxels are written as text"
-    read = _reader(path, header, array)
+    read = _counted(path, header, array)
     parts = parts_of_arrays(part, header.arrays)
-    hiding = None
-    if (ghosts := ghosts_of(array, header.arrays)) is not None:
-        _check_count(path, header, ghosts)
-        hiding = _reader(path, header, ghosts)
-    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts, hiding)
+    ghosts = ghosts_of(header.arrays, lambda one: _counted(path, header, one), bool(why_whole))
+    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts, ghosts)
     if header.kind == "RECTILINEAR_GRID":
         return opened_grid(path, drawn, [_places(path, header, one) for one in header.coordinates])
     return opened_grid(path, drawn, checked_geometry(path, header.planes, header.spacing, header.origin))
 
 
-def _check_count(path: Path, header: LegacyHeader, array: LegacyArray) -> None:
-    """Raises BadInput unless the array has as many values as its grid has points or cells."""
+def _counted(path: Path, header: LegacyHeader, array: LegacyArray) -> Callable[[Index], ReadBox]:
+    """The array's reader. Raises BadInput unless it has as many values as its grid has points or cells."""
     ni, nj, nk = (max(planes - array.of_cells, 1) for planes in header.planes)
     if ni * nj * nk != array.count:
         raise BadInput(f"{path}: {array.name} has {array.count} values for {ni} x {nj} x {nk}; save the grid again")
+    return _reader(path, header, array)
 
 
 def _reader(path: Path, header: LegacyHeader, array: LegacyArray) -> Callable[[Index], ReadBox]:

@@ -1,12 +1,12 @@
 """Which array of a VTK file is drawn: the one that the name's part names, else the active or only one of scalars."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
-from volsplat.mapshade_server.readers.reading.vtk_ghosts import GHOST_TYPE, GHOSTS
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import GHOST_TYPE, GHOSTS, Ghosts, Reader
 from volsplat.protocol.text.errors import BadInput
 
 ASSOCIATIONS = ("PointData", "CellData")  # as VTK calls what arrays belong to
@@ -63,10 +63,14 @@ def parts_of_arrays(part: str, arrays: Sequence[NamedArray]) -> list[Part]:
     return _told(scalars) if not part and len(scalars) > 1 else []
 
 
-def ghosts_of(array: NamedArray, arrays: Sequence[AnyArray]) -> AnyArray | None:
-    """What tells which of the points or cells of an array are hidden, None if nothing does."""
-    found = (one for one in arrays if one.name == GHOSTS and one.association == array.association)
-    return next((one for one in found if one.components == 1 and one.scalar_type == GHOST_TYPE), None)
+def ghosts_of(arrays: Sequence[AnyArray], read: Callable[[AnyArray], Reader], reads_whole: bool) -> Ghosts:
+    """What tells which points and cells are hidden."""
+
+    def reader(of_cells: bool) -> Reader | None:
+        found = (one for one in arrays if one.name == GHOSTS and one.of_cells == of_cells)
+        return next((read(one) for one in found if one.components == 1 and one.scalar_type == GHOST_TYPE), None)
+
+    return Ghosts(reader(False), reader(True), reads_whole)
 
 
 def _without_ghosts(arrays: Sequence[AnyArray]) -> list[AnyArray]:

@@ -7,7 +7,7 @@ no data.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, unevenness
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
-from volsplat.mapshade_server.readers.reading.vtk_ghosts import type_without_hidden, without_hidden
+from volsplat.mapshade_server.readers.reading.vtk_ghosts import Ghosts
 from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -29,10 +29,7 @@ Places = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GridArray:
-    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many values along i, j, k.
-
-    So does `ghosts` for what tells which of them are hidden, None if none are.
-    """
+    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many values along i, j, k."""
 
     name: str
     scalar_type: str
@@ -40,20 +37,11 @@ class GridArray:
     reader: Callable[[Index], ReadBox]
     why_whole: str
     parts: Sequence[Part]
-    ghosts: Callable[[Index], ReadBox] | None = None
+    ghosts: Ghosts = field(default_factory=Ghosts)
 
-    @property
-    def drawn_type(self) -> str:
-        """The type of what is drawn, which can hold that there is nothing."""
-        return self.scalar_type if self.ghosts is None else type_without_hidden(self.scalar_type)
-
-    def reads(self, dims: Index) -> ReadBox:
-        """What reads the values, NaN where they are hidden."""
-        read = self.reader(dims)
-        if self.ghosts is None:
-            return read
-        ghosts = self.ghosts(dims)
-        return lambda box: without_hidden(read(box), ghosts(box), self.of_cells)
+    def reads(self, dims: Index) -> tuple[str, ReadBox]:
+        """The type of what is drawn, and what reads it."""
+        return self.ghosts.shown(self.scalar_type, self.reader(dims), dims, self.of_cells)
 
 
 def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArray[Any]]) -> OpenedVolume:
@@ -61,11 +49,12 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
     warnings: tuple[str, ...] = ()
     if isinstance(points, Geometry):
         kind, geometry = "image", grid_of_cells(path, points) if array.of_cells else points
-        read = array.reads(geometry.dims)
+        scalar_type, read = array.reads(geometry.dims)
     else:
         kind, places = "rectilinear grid", [_middles(one) for one in points] if array.of_cells else points
         i, j, k = (even_axis(path, name, one) for name, one in zip("xyz", places, strict=True))
-        read = EvenGrid((i, j, k), array.reads((len(places[0]), len(places[1]), len(places[2])))).read
+        scalar_type, stored = array.reads((len(places[0]), len(places[1]), len(places[2])))
+        read = EvenGrid((i, j, k), stored).read
         geometry = checked_geometry(
             path, (i.planes, j.planes, k.planes), (i.step, j.step, k.step), (i.first, j.first, k.first)
         )
@@ -74,7 +63,7 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
         name=path.name,
         format=f"VTK {kind}{', values of cells' if array.of_cells else ''}",
         geometry=geometry,
-        scalar_type=array.drawn_type,
+        scalar_type=scalar_type,
         density_name=array.name or "density",
         warnings=warnings,
         reads_sub_cubes=not array.why_whole,

@@ -1,5 +1,6 @@
 """VTK's ImageData and RectilinearGrid as XML (.vti, .vtr): the array of points or cells that is meant."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,15 +36,14 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
     """The reader for a .vti or .vtr. Raises BadInput if it has no array of scalars or one must be named."""
     xml = vtk_xml(path)
     element = chosen_array(path, part, xml.arrays, xml.active)
-    ghosts = ghosts_of(element, xml.arrays)
     drawn = GridArray(
         name=element.name,
         scalar_type=_scalar_type(path, element),
         of_cells=element.of_cells,
-        reader=lambda dims: _voxels(path, xml, element, dims),
+        reader=_reader(path, xml, element),
         why_whole=_why_whole(xml, element),
         parts=parts_of_arrays(part, xml.arrays),
-        ghosts=(lambda dims: _voxels(path, xml, ghosts, dims)) if ghosts is not None else None,
+        ghosts=ghosts_of(xml.arrays, lambda one: _reader(path, xml, one), bool(_why_whole(xml, element))),
     )
     if xml.file.get("type") != "RectilinearGrid":
         return opened_grid(path, drawn, _geometry(path, xml))
@@ -52,6 +52,10 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
         raise BadInput(f"{path}: has {len(xml.coordinates)} arrays of coordinates instead of 3; save the grid again")
     places = [_places(path, xml, one, count) for one, count in zip(xml.coordinates, planes, strict=True)]
     return opened_grid(path, drawn, places)
+
+
+def _reader(path: Path, xml: VtkXml, element: VtkElement) -> Callable[[Index], ReadBox]:
+    return lambda dims: _voxels(path, xml, element, dims)
 
 
 def _why_whole(xml: VtkXml, element: VtkElement) -> str:

@@ -154,11 +154,32 @@ def test_what_a_vtkhdf_image_hides_is_no_data(tmp_path: Path) -> None:
     with h5py.File(path, "a") as file:
         file["VTKHDF/PointData/vtkGhostType"], file["VTKHDF/CellData/vtkGhostType"] = points, cells
     expected = np.where(points & 2, np.nan, VALUES)
+    expected[:, :, 0] = np.nan  # whose cells are all hidden
     np.testing.assert_array_equal(read_whole(path), expected)
     assert described(path).scalar_type == "float32"
     np.testing.assert_array_equal(open_volume(str(path)).read(Box((1, 2, 0), (5, 4, 3))), expected[0:3, 2:4, 1:5])
     np.testing.assert_array_equal(read_whole(f"{path}#mass").ravel(), [np.nan if n % 3 == 0 else n for n in range(120)])
     assert "vtkGhostType" not in str(open_volume(str(path)).parts)
+
+
+@pytest.mark.parametrize("hidden", [None, "PointData", "CellData"])
+def test_whole_numbers_of_a_vtkhdf_image_stay_so_unless_some_are_hidden(hidden: str | None, tmp_path: Path) -> None:
+    """A single hidden cell in a corner hides the corner's point."""
+    path = vtkhdf(tmp_path / "volume.vtkhdf", vtk_image())
+    values = np.arange(VALUES.size, dtype=np.uint8).reshape(VALUES.shape)
+    ghosts = {"PointData": np.ones(VALUES.shape, np.uint8), "CellData": np.ones((4, 5, 6), np.uint8)}
+    if hidden:
+        ghosts[hidden][-1, -1, -1] |= {"PointData": 2, "CellData": 32}[hidden]
+    with h5py.File(path, "a") as file:
+        del file["VTKHDF/PointData/density"]
+        file["VTKHDF/PointData/density"] = values
+        for name, array in ghosts.items():
+            file[f"VTKHDF/{name}/vtkGhostType"] = array
+    expected = values.astype(np.float32)
+    if hidden:
+        expected[-1, -1, -1] = np.nan
+    np.testing.assert_array_equal(read_whole(f"{path}#density"), expected)
+    assert described(f"{path}#density").scalar_type == ("float32" if hidden else "uint8")
 
 
 def test_what_lost_partitions_of_a_vtkhdf_image_held_is_told(tmp_path: Path) -> None:

@@ -252,6 +252,7 @@ def test_what_the_file_hides_is_no_data(way: str, scalar_type: str, tmp_path: Pa
     drawn = read_whole(written_as(way, tmp_path, values)).astype(np.float64)
     path = written_as(way, tmp_path, values, hiding)
     drawn.ravel()[::5] = np.nan
+    drawn[:, :, 0] = np.nan  # whose cells are all hidden
     np.testing.assert_array_equal(read_whole(path), drawn)
     assert described(path).scalar_type == {"int32": "float64"}.get(scalar_type, "float32")
     cells = CELLS.copy()
@@ -259,6 +260,27 @@ def test_what_the_file_hides_is_no_data(way: str, scalar_type: str, tmp_path: Pa
     np.testing.assert_array_equal(read_whole(f"{path}#mass"), cells)
     box = Box((2, 1, 3), (5, 2, 4))
     np.testing.assert_array_equal(open_volume(str(path)).read(box), drawn[3:4, 1:2, 2:5])
+
+
+def doubled(grid: Any) -> Any:
+    """The grid as ParaView writes a piece: what other pieces hold too is told, and nothing is hidden."""
+    hiding(grid)
+    for data in (grid.GetPointData(), grid.GetCellData()):
+        ghosts = data.GetArray(GHOSTS)
+        for n in range(ghosts.GetNumberOfTuples()):
+            ghosts.SetValue(n, n % 2)
+    return grid
+
+
+@pytest.mark.parametrize("scalar_type", ["uint8", "int32", "float32"])
+@pytest.mark.parametrize("way", WAYS)
+def test_ghosts_that_hide_nothing_leave_the_values_as_they_are(way: str, scalar_type: str, tmp_path: Path) -> None:
+    values = finite(values_of(scalar_type))
+    plain = written_as(way, tmp_path, values)
+    drawn = read_whole(plain)
+    path = written_as(way, tmp_path, values, doubled)
+    np.testing.assert_array_equal(read_whole(path), drawn)
+    assert described(path).scalar_type == scalar_type
 
 
 def test_what_is_hidden_is_no_array_to_choose(tmp_path: Path) -> None:
