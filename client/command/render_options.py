@@ -17,6 +17,7 @@ from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import SCENE, headed
 from volsplat.client.image.image_formats import SCENE_HOLDERS
 from volsplat.client.scene.colour_maps import colormap, lit_and_glowing
+from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
@@ -142,10 +143,6 @@ class SceneOptions:
         if self.fit == "all" and volume is not None:
             return showing_all(scene, volume.description.geometry)
         return scene if self.fit is None else asking_for_fit(scene)
-
-
-def lit_from(scene: Scene, step: PaperStep) -> Scene:
-    return msgspec.structs.replace(scene, refine=msgspec.structs.replace(scene.refine, lit_from=step))
 
 
 def _scene_in(paths: Sequence[Path], base: Scene) -> Scene:

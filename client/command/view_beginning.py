@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import ignored, opened, session_of, tell_how_to_join
-from volsplat.client.command.render_options import SceneOptions, lit_from
+from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.command.server_options import Servers
+from volsplat.client.scene.lit_from import WATCHED_FROM, lit_from
 from volsplat.client.session.session import Session
 from volsplat.program.confinement import can_confine
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.temporary_folder import temporary_folder
-from volsplat.protocol.description.scene import PaperStep, Scene
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume_name import volume_name
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ PAGE = tuple(
     f"volsplat.client.ui.{module}"
     for module in ("lean_nicegui", "application", "page", "first_uses", "opening.start_page", "viewing.opened_viewing")
 )
-LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
 class ViewBeginning:
@@ -39,7 +39,7 @@ class ViewBeginning:
 
     def __init__(self, servers: Servers, options: SceneOptions, root: str | None, console: PlainConsole) -> None:
         self._servers = servers
-        self._options = options if options.scene is not None else replace(options, lit_from=LIT_FROM)
+        self._options = options if options.scene is not None else replace(options, lit_from=WATCHED_FROM)
         self._root = root
         self._console = console
         self._phantoms: PhantomFiles | None = None
@@ -116,7 +116,7 @@ class ViewBeginning:
         if scene is None and first:
             scene = self._options.scene_of(session.volume)
         elif scene is None:
-            scene = lit_from(session.default_scene(), LIT_FROM)
+            scene = lit_from(session.default_scene())
         return opened_viewing(session, scene, cure=BY_HAND if self._servers.by_hand else BY_BUTTON)
 
     def _shown(self, viewing: Viewing, volume: str) -> ShownVolume:

@@ -18,6 +18,7 @@ from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_source import UNPLACED
 from volsplat.client.memory.array_volume import Volume
+from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.scene.presets import PRESETS, Preset
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.notebook_cells import close_when_cell_runs_again, in_notebook
@@ -126,10 +127,10 @@ def view(
     from volsplat.client.script.page_window import show_page
 
     if isinstance(volume, Session):
-        show_page(volume, _scene(volume.volume, scene, changes), port, browser, grace, lent=True)
+        show_page(volume, _scene(volume.volume, scene, changes, watched=True), port, browser, grace, lent=True)
         return
     with _opened(volume) as session:
-        show_page(session, _scene(session.volume, scene, changes), port, browser, grace)
+        show_page(session, _scene(session.volume, scene, changes, watched=True), port, browser, grace)
 
 
 def export(
@@ -170,7 +171,7 @@ def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[
         return render(volume, scene, **changes)
     with ExitStack() as opening:
         session = volume if isinstance(volume, Session) else opening.enter_context(_opened(volume))
-        widget = session.widget(_scene(session.volume, scene, changes))
+        widget = session.widget(_scene(session.volume, scene, changes, watched=True))
         opening.callback(widget.close)
         close_when_cell_runs_again(opening.pop_all())
     return widget
@@ -227,7 +228,10 @@ def _exported(
     return write_export(single, _scene(single.volume, scene, changes), path, level, every, light)
 
 
-def _scene(volume: SurveyedVolume, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Scene:
+def _scene(
+    volume: SurveyedVolume, scene: Scene | Preset | str | None, changes: dict[str, Any], watched: bool = False
+) -> Scene:
+    """What is drawn; what is `watched` and no scene of the caller's is lit from its first steps on."""
     for key in changes:
         if key == "preset":
             raise BadInput(
@@ -236,8 +240,10 @@ def _scene(volume: SurveyedVolume, scene: Scene | Preset | str | None, changes: 
         if key in inspect.signature(Volume).parameters:
             raise BadInput(f"{key}= is of the volume, not of its scene: vs.Volume(array, {key}={changes[key]!r})")
     wanted = PRESETS.name_of(scene) if isinstance(scene, Preset) else scene
-    begun = _begun(volume, wanted, changes) if wanted is None or isinstance(wanted, str) else checked_scene(wanted)
-    return begun.with_(**changes)
+    if wanted is not None and not isinstance(wanted, str):
+        return checked_scene(wanted).with_(**changes)
+    begun = _begun(volume, wanted, changes)
+    return (lit_from(begun) if watched else begun).with_(**changes)
 
 
 def _begun(volume: SurveyedVolume, preset: str | None, changes: dict[str, Any]) -> Scene:

@@ -27,8 +27,11 @@ from support.checkout import ROOT
 from support.pages import patient_http
 from support.patience import PATIENCE, wait_until
 from volsplat.client.image.image_file import read_scene
+from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.script import page_window, plotting
 from volsplat.client.script.notebook_cells import in_notebook
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.scene import PaperStep, Refine
 
 Z, Y, X = np.mgrid[:16, :16, :16] - 8
 BALL = vs.Volume((X * X + Y * Y + Z * Z < 30).astype(np.uint8) * 200, spacing=(1, 1, 1), name="ball")
@@ -234,6 +237,20 @@ def test_view_serves_the_page_until_it_is_interrupted(tmp_path: Path) -> None:
         assert re.match(r"cube is at http://127\.0\.0\.1:\d+/\?", script.stdout.readline())
         script.send_signal(signal.SIGINT)
         assert script.communicate(timeout=PATIENCE) == ("and on\n", "")
+
+
+@pytest.mark.parametrize("scene", [None, "ct-bone"])
+@pytest.mark.filterwarnings("ignore::volsplat.client.script.plotting.UnsuitedPreset")
+def test_what_is_watched_is_lit_from_its_first_steps_unless_the_caller_says_otherwise(scene: str | None) -> None:
+    with SingleProcess(BALL) as session:
+        volume = session.volume
+        watched = plotting._scene(volume, scene, {}, watched=True)
+        assert watched.refine.lit_from is PaperStep.C
+        assert lit_from(watched, PaperStep.E) == plotting._scene(volume, scene, {}) == volume.begun_scene(scene)
+        own = lit_from(watched, PaperStep.D)
+        assert plotting._scene(volume, own, {}, watched=True) == own
+        said = plotting._scene(volume, scene, {"refine": Refine(lit_from=PaperStep.E)}, watched=True)
+        assert said.refine.lit_from is PaperStep.E
 
 
 def test_cells_of_a_notebook_show_the_page_one_after_another_and_keep_their_session(tmp_path: Path) -> None:
