@@ -14,7 +14,7 @@ from volsplat.client.ui.tables.scene_tables import IndexedFields, table_of, with
 from volsplat.client.ui.tables.table_edits import table_from_points
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
-from volsplat.client.ui.viewing.step_states import StepsState, step_titles
+from volsplat.client.ui.viewing.step_states import StepsState, step_letters
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import ColourTable, FinestStep, Scene
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
@@ -56,7 +56,7 @@ class ControlsTalk:
 
     def begin(self) -> None:
         """Tell all that there is, and from now on what changes."""
-        self._send({"steps": step_titles()})
+        self._send({"steps": step_letters()})
         self._on_scene(self._viewing.model.now)
         self._subscriptions.callback(self._throttle.cancel)
         self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))

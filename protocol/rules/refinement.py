@@ -1,6 +1,7 @@
 """The steps of successive refinement, as a table (paper: "Successive Refinement"; design, section 6)."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 from volsplat.protocol.description.scene import Scene, Step
 
@@ -77,6 +78,17 @@ def active_shading(scene: Scene, step: Step) -> ActiveShading:
         diffuse=shading.diffuse and step >= diffuse_from,
         specular=shading.specular and step >= specular_from,
     )
+
+
+def same_picture(scene: Scene, one: Step, other: Step) -> bool:
+    """Whether nothing tells these steps of a scene apart, as where light joins before E or is off."""
+    return STEP_RULES[one] == STEP_RULES[other] and active_shading(scene, one) == active_shading(scene, other)
+
+
+def distinct_steps(scene: Scene) -> list[Step]:
+    """Those to draw for a person who watches: of steps with the same picture the last."""
+    alike = {step for step, following in pairwise(Step) if same_picture(scene, step, following)}
+    return [step for step in Step if step not in alike]
 
 
 def _emits_nothing(scene: Scene) -> bool:

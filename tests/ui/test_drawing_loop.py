@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing import drawing_loop
 from volsplat.client.ui.viewing import picture as picture_of_loop
@@ -23,11 +25,14 @@ from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.picture_encoding import encoded
+from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.scene_model import SceneModel
+from volsplat.client.ui.viewing.step_states import step_title
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
 from volsplat.client.ui.viewport.viewport_messages import picture_message
-from volsplat.protocol.description.scene import Bounds, Scene, Step
+from volsplat.protocol.description.scene import Bounds, PaperStep, Refine, Scene, Shading, Step
 from volsplat.protocol.rules.levels import Thinning
+from volsplat.protocol.rules.refinement import PAPER_STEPS, same_picture
 from volsplat.protocol.text.errors import VolsplatError
 
 PNG = b"\x89PNG"
@@ -143,6 +148,43 @@ def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: 
     drawn.zoom_by(1.1, settled=True)  # ends the rest
     steps = {picture.step for picture in drawn.last()}
     assert {Step.F, Step.G} <= steps
+
+
+@pytest.mark.parametrize(
+    ("refine", "shading", "distinct"),
+    [
+        (Refine(lit_from=PaperStep.C), Shading(), "ABCF"),
+        (Refine(lit_from=PaperStep.A), Shading(), "ABCF"),
+        (Refine(lit_from=PaperStep.E), Shading(), "ABCDEF"),
+        (Refine(lit_from=PaperStep.E), Shading(specular=False), "ABCDF"),
+        (Refine(lit_from=PaperStep.F), Shading(), "ABCEF"),
+    ],
+)
+def test_of_steps_with_the_same_picture_only_the_last_is_drawn(
+    drawn: Drawn, refine: Refine, shading: Shading, distinct: str
+) -> None:
+    drawn.model.change(lambda scene: msgspec.structs.replace(scene, refine=refine, shading=shading))
+    pictures = drawn.last()
+    assert "".join(picture.step for picture in pictures if picture.complete) == distinct
+    for picture in pictures:
+        assert progress(picture, drawn.model.now, Step.A).running in (None, *map(Step, distinct))
+
+    finished = {step: drawn.session.finish(drawn.model.scene, step).published.pixels for step in PAPER_STEPS}
+    for before, step in pairwise(PAPER_STEPS):
+        same = same_picture(drawn.model.scene, before, step)
+        assert np.array_equal(finished[before], finished[step]) == same
+        assert ("the same picture" in step_title(drawn.model.scene, step)) == same
+
+
+def test_the_words_of_steps_tell_where_light_joins(drawn: Drawn) -> None:
+    titles = {lit: [step_title(lit_from(drawn.model.scene, lit), step) for step in Step] for lit in PaperStep}
+    assert titles[PaperStep.E][4:6] == ["step E: diffuse", "step F: specular"]
+    assert titles[PaperStep.C][2:6] == [
+        "step C: full, diffuse, specular",
+        "step D: kernel",
+        "step E: the same picture as step D",
+        "step F: the same picture as step E",
+    ]
 
 
 def test_the_first_picture_whose_step_is_finished_is_told_once(drawn: Drawn) -> None:

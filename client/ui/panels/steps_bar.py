@@ -12,7 +12,7 @@ from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.throttle import Throttle
 from volsplat.client.ui.doors.static_files import MODULES, STATIC
 from volsplat.client.ui.viewing.picture import Picture
-from volsplat.client.ui.viewing.step_states import ChipState, StepsState, step_titles
+from volsplat.client.ui.viewing.step_states import ChipState, StepsState, step_letters
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene
 from volsplat.protocol.rules.resolved_view import resolved_order
@@ -49,7 +49,7 @@ class StepChips(Element, component="step_chips_component.js", esm=MODULES):
 
     def __init__(self) -> None:
         super().__init__()
-        self.props["steps"] = step_titles()
+        self.props["steps"] = step_letters()
         self._shown: list[ChipState] = []
 
     def show(self, states: list[ChipState]) -> None:

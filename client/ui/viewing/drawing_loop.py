@@ -21,7 +21,7 @@ from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.rules.refinement import PAPER_STEPS, finer, finest_step
+from volsplat.protocol.rules.refinement import PAPER_STEPS, distinct_steps, finer, finest_step
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
@@ -214,17 +214,27 @@ class DrawingLoop:
             return not self._changed.wait_for(self._something_to_do, max(moment - time.monotonic(), 0.0))
 
     def _refine_from(self, first: Step, last: Step, state: SceneState) -> None:
-        shown, exact = self._shown, (finest_step(state.scene),)
-        for refinement in self.session.refine(state.scene, last, PARTIAL_INTERVAL, first, exact):
-            if self._model.now.revision != state.revision:
+        """Draw these steps; of those with the same picture only the last."""
+        for step in distinct_steps(state.scene):
+            if first <= step <= last and not self._draw_step(step, state):
                 return
+
+    def _draw_step(self, step: Step, state: SceneState) -> bool:
+        """Returns whether it is finished, and still the scene's: it ends early if something else is asked for."""
+        finished = False
+        shown, exact = self._shown, (finest_step(state.scene),)
+        for refinement in self.session.refine(state.scene, step, PARTIAL_INTERVAL, step, exact):
+            if self._model.now.revision != state.revision:
+                return False
             # What a drag or coarser steps have left on the screen stays there until the step after it is finished.
-            if refinement.step == first != Step.A and not refinement.complete and _is_laid_over(state.scene):
+            if step != Step.A and not refinement.complete and _is_laid_over(state.scene):
                 assert shown is not None
                 refinement = replace(
                     refinement, published=laid_over(refinement.published, shown.published_in_full_size)
                 )
             self._publish(state, refinement, Rung(refinement.step))
+            finished = refinement.complete
+        return finished
 
     def _publish(self, state: SceneState, refinement: Refinement, drawn: Rung | None = None) -> None:
         """Show an image; what was `drawn` for it is measured."""

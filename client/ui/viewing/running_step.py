@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.rules.refinement import coarser, finer, finest_step
+from volsplat.protocol.rules.refinement import distinct_steps, finest_step
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,12 @@ def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> 
     """How far the refinement of `state` is, by the newest picture. `while_moving` is drawn of a scene not settled."""
     if picture is None or picture.state.scene != state.scene:
         return Progress(running=Step.A if state.settled else while_moving, finished=None)
+    steps = distinct_steps(state.scene)
     if not picture.complete or (state.settled and not picture.whole):
-        return Progress(running=picture.step, finished=coarser(picture.step))
+        return Progress(
+            running=picture.step, finished=max((step for step in steps if step < picture.step), default=None)
+        )
     if not state.settled:
         return Progress(running=None, finished=picture.step)
-    return Progress(running=finer(picture.step, finest_step(state.scene)), finished=picture.step)
+    to_come = (step for step in steps if picture.step < step <= finest_step(state.scene))
+    return Progress(running=min(to_come, default=None), finished=picture.step)

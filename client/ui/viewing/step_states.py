@@ -9,12 +9,29 @@ from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.rules.refinement import active_shading, coarser, same_picture
 
 
-def step_titles() -> list[dict[str, str]]:
-    """The letter of each step, and what it is, as chips show them."""
-    return [{"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in Step]
+def step_letters() -> list[str]:
+    """One for each chip."""
+    return [step.value for step in Step]
+
+
+def step_title(scene: Scene, step: Step) -> str:
+    """What a step of this scene is, and which light joins there."""
+    before = coarser(step)
+    if before is not None and same_picture(scene, before, step):
+        return f"step {step}: the same picture as step {before}"
+    words = [] if step in (Step.E, Step.F) else [STEP_WORDS[step]]
+    return f"step {step}: {', '.join(words + _joining_light(scene, before, step))}"
+
+
+def _joining_light(scene: Scene, before: Step | None, step: Step) -> list[str]:
+    now, then = active_shading(scene, step), None if before is None else active_shading(scene, before)
+    diffuse = now.diffuse and not (then is not None and then.diffuse)
+    specular = now.specular and not (then is not None and then.specular)
+    return ["diffuse"] * diffuse + ["specular"] * specular
 
 
 @dataclass(frozen=True)
@@ -23,6 +40,7 @@ class ChipState:
 
     current: bool
     finished: bool
+    title: str
     time: str
     fill: tuple[float, float] | None
 
@@ -54,6 +72,7 @@ class StepsState:
             ChipState(
                 current=step == (now.running or now.finished),
                 finished=now.finished is not None and step <= now.finished,
+                title=step_title(state.scene, step),
                 time="" if seconds is None else milliseconds(seconds),
                 fill=self._fill if step == now.running else None,
             )

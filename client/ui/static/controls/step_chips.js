@@ -4,15 +4,15 @@
 
 /**
  * How one chip looks. `fill`: seconds that its step will take, and has taken; null if nothing is known of that.
- * @typedef {{current: boolean, finished: boolean, time: string, fill: [number, number] | null}} ChipState
+ * @typedef {{current: boolean, finished: boolean, title: string, time: string, fill: [number, number] | null}} ChipState
  */
 
 export class StepChips {
   #chips;
 
-  /** @param {HTMLElement} host @param {{letter: string, title: string}[]} steps */
-  constructor(host, steps) {
-    this.#chips = steps.map(({ letter, title }) => new Chip(letter, title));
+  /** @param {HTMLElement} host @param {string[]} letters */
+  constructor(host, letters) {
+    this.#chips = letters.map((letter) => new Chip(letter));
     host.append(...this.#chips.map((chip) => chip.element));
   }
 
@@ -26,11 +26,10 @@ class Chip {
   #filling = false;
   #timesFilled = 0;
 
-  /** @param {string} letter @param {string} title */
-  constructor(letter, title) {
+  /** @param {string} letter */
+  constructor(letter) {
     this.element = part("vs-step");
     this.element.dataset.step = letter;
-    this.title = title;
     this.bar = part("vs-step-bar");
     const track = part("vs-step-track");
     track.append(this.bar);
@@ -38,12 +37,12 @@ class Chip {
   }
 
   /** @param {ChipState} state */
-  show({ current, finished, time, fill }) {
+  show({ current, finished, title, time, fill }) {
     this.element.classList.toggle("vs-now", current);
     this.element.classList.toggle("vs-done", finished);
     this.element.setAttribute("aria-current", current ? "step" : "false");
-    const title = time ? `${this.title} (${time})` : this.title;
-    if (this.element.title !== title) this.element.title = title;
+    const told = time ? `${title} (${time})` : title;
+    if (this.element.title !== told) this.element.title = told;
     this.#fill(fill);
   }
 

@@ -9,7 +9,7 @@ import { TableEditor } from "../tables/table_editor.js";
 /** @typedef {import("../tables/table_editor.js").Axis} Axis */
 /** @typedef {{name: string, colour: boolean, points: Point[], answers: number, axis: Axis, histogram: number[] | null,
  *   unused: string, tint: string}} Table */
-/** @typedef {{steps?: {letter: string, title: string}[], chips?: ChipState[], finest?: string,
+/** @typedef {{steps?: string[], chips?: ChipState[], finest?: string,
  *   tables?: Record<string, Table>, complaint?: {which: string, text: string}}} Told */
 /** @typedef {{type: "finest", finest: string} | ({type: "table", which: string} & Change)} Said */
 
@@ -45,7 +45,7 @@ export class NotebookControls {
     for (const editor of Object.values(this.#editors)) editor.close();
   }
 
-  /** @param {{letter: string, title: string}[]} steps */
+  /** @param {string[]} steps the letters */
   #addSteps(steps) {
     const row = added(this.host, "vs-notebook-steps");
     const group = added(row, "vs-steps");
