@@ -17,6 +17,7 @@ INNER = 0.55  # of the outer radius
 DEGREES = ("0°", "90°", "180°", "270°")
 LABEL_SIZE = 0.1  # of the legend's side
 LEAST_LABEL = 9  # pixels
+LEAST_RING = 20  # pixels across, beside degrees
 
 
 def wheel_colours(description: VolumeDescription, scene: Scene) -> tuple[Colour, ...] | None:
@@ -52,15 +53,22 @@ def phase_wheel(colours: tuple[Colour, ...], side: int) -> NDArray[np.float32]:
 
 
 def phase_legend(colours: tuple[Colour, ...], side: int, ink: float = 0.95, paper: float = 0.0) -> NDArray[np.float32]:
-    """The wheel with its degrees about it, (side, side, 3) float32, 0..1, on a grey `paper`, for a sheet or plate."""
+    """The wheel with its degrees about it, (side, side, 3) float32, 0..1, on a grey `paper`, for a sheet or plate.
+
+    Degrees that would leave too little of the wheel are left out.
+    """
     text = max(round(LABEL_SIZE * side), LEAST_LABEL)
     widest = extent(DEGREES[2], text, FONT)
-    across = max(side - 2 * (widest + text // 4), 3)
+    beside_degrees = side - 2 * (widest + text // 4)
+    labelled = beside_degrees >= LEAST_RING
+    across = beside_degrees if labelled else side
     picture = np.full((side, side, 3), paper, np.float32)
     wheel, start = phase_wheel(colours, across), (side - across) // 2
     inside = picture[start : start + across, start : start + across]
     alpha = wheel[:, :, 3:]
     inside[:] = inside * (1 - alpha) + wheel[:, :, :3] * alpha
+    if not labelled:
+        return picture
     canvas, middle, end = canvas_of(picture), side // 2, start + across
     half = round(text * 0.36)  # of a digit's height
     for label, place in zip(

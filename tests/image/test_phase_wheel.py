@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from volsplat.client.histogram.subject import Subject, subject_of
-from volsplat.client.image.phase_wheel import phase_legend, phase_wheel, wheel_colours
+from volsplat.client.image.phase_wheel import LEAST_RING, phase_legend, phase_wheel, wheel_colours
 from volsplat.client.scene.glow_scenes import phase_colours, structure_factors_scene
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.ui.panels.phase_legend import gradient
@@ -86,6 +88,16 @@ def test_the_legend_for_sheets_has_the_wheel_and_words_about_it() -> None:
         assert grey[rows, columns].any()  # 90 above, 0 at the right, 270 below
     assert grey[80:120, :40].any()
     assert np.array_equal(legend, phase_legend(FOUR, 200))
+
+
+@given(st.integers(24, 300))
+def test_the_legends_ring_is_round_and_large_enough_whatever_its_side(side: int) -> None:
+    legend = phase_legend(FOUR, side)
+    coloured = legend.max(axis=2) - legend.min(axis=2) > 0.5
+    rows, columns = (np.flatnonzero(coloured.any(axis=axis)) for axis in (1, 0))
+    across = rows[-1] - rows[0] + 1
+    assert across == columns[-1] - columns[0] + 1 >= min(side, LEAST_RING) - 4
+    assert np.array_equal(coloured, coloured[:, ::-1]) and np.array_equal(coloured, coloured[::-1])
 
 
 def test_the_pages_wheel_has_the_same_sectors_in_the_browsers_sense() -> None:
