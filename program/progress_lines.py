@@ -12,7 +12,10 @@ PAUSE = 60.0  # seconds between two lines, at least
 
 
 class ProgressLines:
-    """Of `total` parts. The time left is told by those after the first, before which there is the start."""
+    """Of `total` parts. The time left is told by those since the last line, so that a stop is soon forgotten.
+
+    At first by those after the first, before which there is the start.
+    """
 
     def __init__(
         self, console: PlainConsole, total: int, words: str, clock: Callable[[], float] = time.monotonic
@@ -22,7 +25,7 @@ class ProgressLines:
         self._total = total
         self._words = words
         self._clock = clock
-        self._first: tuple[int, float] | None = None  # parts that were done when some first were, and when
+        self._since: tuple[int, float] | None = None  # parts that were done by then, and when it was
         self._silent_until = 0.0
 
     def describe(self, words: str) -> None:
@@ -32,14 +35,15 @@ class ProgressLines:
     def reach(self, done: int) -> None:
         """So many parts are."""
         now = self._clock()
-        if self._first is None:
-            self._first = done, now
-        parts, began = self._first
+        if self._since is None:
+            self._since = done, now
+        parts, began = self._since
         if done == parts or now < self._silent_until:
             return
         left = (now - began) / (done - parts) * (self._total - done)
         if left >= WORTH_A_LINE:
             self._silent_until = now + PAUSE
+            self._since = done, now
             self._console.say(f"{self._words}: {done} of {self._total}, about {_rounded(left)} left")
 
 

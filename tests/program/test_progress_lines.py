@@ -51,3 +51,11 @@ def test_parts_may_be_done_several_at_a_time(parts: list[int]) -> None:
             now += 10.0
             lines.reach(done)
     assert told.get() == ("making sheets: 7 of 20, about 60 s left\n" if len(parts) > 1 else "")
+
+
+@pytest.mark.parametrize("stop", [3600.0, 12 * 3600.0])
+def test_a_stop_is_forgotten_after_one_line(stop: float) -> None:
+    """As a terminal's stop, or a machine's sleep where the clock goes on."""
+    told = lines_of([10.0] * 20 + [10.0 + stop] + [10.0] * 39)
+    (with_the_stop,) = (n for n, line in enumerate(told) if line.endswith("h left"))
+    assert told[with_the_stop + 1 :][:2] == ["work: 27 of 60, about 6 min left", "work: 33 of 60, about 4 min left"]
