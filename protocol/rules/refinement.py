@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-from volsplat.protocol.description.scene import Scene, Step
+import msgspec
+
+from volsplat.protocol.description.scene import Scene, SlabKernel, Step
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,19 @@ def distinct_steps(scene: Scene) -> list[Step]:
     """Those to draw for a person who watches: of steps with the same picture the last."""
     alike = {step for step, following in pairwise(Step) if same_picture(scene, step, following)}
     return [step for step in Step if step not in alike]
+
+
+def drawn_alike(scene: Scene, other: Scene) -> bool:
+    """Whether they have the same pictures up to the finest step, however they differ in what step G alone obeys."""
+    return _without_slabs(scene) == _without_slabs(other)
+
+
+def _without_slabs(scene: Scene) -> Scene:
+    if STEP_RULES[finest_step(scene)].slabs:
+        return scene
+    light = msgspec.structs.replace(scene.light, shadows=0.0, occlusion=0.0, depth_cue=0.0, silhouettes=0.0)
+    kernel = msgspec.structs.replace(scene.reconstruction, slab=1.0, slab_kernel=SlabKernel.BALANCED)
+    return msgspec.structs.replace(scene, light=light, reconstruction=kernel)
 
 
 def _emits_nothing(scene: Scene) -> bool:

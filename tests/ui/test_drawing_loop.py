@@ -30,7 +30,7 @@ from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.step_states import step_title
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
 from volsplat.client.ui.viewport.viewport_messages import picture_message
-from volsplat.protocol.description.scene import Bounds, PaperStep, Refine, Scene, Shading, Step
+from volsplat.protocol.description.scene import Bounds, Light, PaperStep, Refine, Scene, Shading, Step
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS, same_picture
 from volsplat.protocol.text.errors import VolsplatError
@@ -185,6 +185,28 @@ def test_the_words_of_steps_tell_where_light_joins(drawn: Drawn) -> None:
         "step E: the same picture as step D",
         "step F: the same picture as step E",
     ]
+
+
+def test_what_step_g_alone_obeys_leaves_a_finished_picture_up_to_f(drawn: Drawn) -> None:
+    shown = drawn.loop.shown
+    assert shown is not None
+
+    def with_shadows(scene: Scene) -> Scene:
+        light = msgspec.structs.replace(scene.light, shadows=0.5, depth_cue=0.5)
+        thinner = msgspec.structs.replace(scene.reconstruction, slab=0.5)
+        return msgspec.structs.replace(scene, light=light, reconstruction=thinner)
+
+    drawn.model.change(with_shadows)
+    (again,) = drawn.last()
+    assert again.published is shown.published and again.state.scene == drawn.model.scene
+    drawn.model.change(
+        lambda scene: msgspec.structs.replace(scene, refine=msgspec.structs.replace(scene.refine, finest=Step.G))
+    )
+    with_g = drawn.last()[-1]
+    assert with_g.step is Step.G
+    drawn.model.change(lambda scene: msgspec.structs.replace(scene, light=Light()))
+    lighter = drawn.last()[-1]
+    assert lighter.step is Step.G and not np.array_equal(lighter.published.pixels, with_g.published.pixels)
 
 
 def test_the_first_picture_whose_step_is_finished_is_told_once(drawn: Drawn) -> None:

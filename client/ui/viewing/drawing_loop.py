@@ -21,7 +21,7 @@ from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.rules.refinement import PAPER_STEPS, distinct_steps, finer, finest_step
+from volsplat.protocol.rules.refinement import PAPER_STEPS, distinct_steps, drawn_alike, finer, finest_step
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
@@ -194,7 +194,7 @@ class DrawingLoop:
     def _refine(self, state: SceneState) -> None:
         shown, finest = self._shown, finest_step(state.scene)
         first: Step | None = Step.A
-        if shown is not None and shown.state.scene == state.scene:
+        if shown is not None and drawn_alike(shown.state.scene, state.scene):
             first = finer(shown.step, finest) if shown.whole else shown.step
             if first is None and not shown.published.exact:  # it was only looked at
                 first = shown.step
