@@ -322,7 +322,7 @@ def _by_detector(path: Path, head: Any, number: int) -> Place | None:
     detector: Any = next(iter(head.get("DetectorInformationSequence") or ()), {})
     position, directions = detector.get("ImagePositionPatient"), detector.get("ImageOrientationPatient")
     (step,) = _numbers(head.get("SpacingBetweenSlices"), 1)
-    slices = words_of(head.get("SliceVector"))
+    slices = _listed(head.get("SliceVector"))
     if not (words_of(position) and words_of(directions) and step and slices):
         return None
     if len(slices) <= number:
@@ -332,9 +332,14 @@ def _by_detector(path: Path, head: Any, number: int) -> Place | None:
     return replace(first, position=matrices.plus(first.position, along))
 
 
+def _listed(value: Any) -> Sequence[Any]:
+    """A value's parts as they are, since words of a part for each frame would be made for each frame."""
+    return value if isinstance(value, Sequence) and not isinstance(value, str) else words_of(value)
+
+
 def _in_grid(path: Path, place: Place, stated: Any, number: int) -> Place:
     """The place of a dose grid's frame: its offset along the normal counts from the first frame, or is z itself."""
-    offsets = stated if isinstance(stated, Sequence) and not isinstance(stated, str) else words_of(stated)
+    offsets = _listed(stated)
     if not offsets:
         return place
     if len(offsets) <= number:
