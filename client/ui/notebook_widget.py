@@ -14,6 +14,7 @@ import msgspec
 import traitlets
 
 from volsplat.client.caller.arguments import checked_scene
+from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.notebook_controls import ControlsTalk
@@ -70,7 +71,7 @@ class VolumeWidget(anywidget.AnyWidget):
     ) -> None:
         """Raises BadInput outside an event loop; a notebook has one."""
         event_loop = _event_loop()
-        first = session.default_scene() if scene is None else checked_scene(scene)
+        first = lit_from(session.default_scene()) if scene is None else checked_scene(scene)
         modules = modules_from(START, CONTROLS) if controls else modules_from(START)
         super().__init__(modules=modules, controls=controls, height=height, scene=first)
         self._viewing = opened_viewing(session, first)
