@@ -4,7 +4,7 @@ If a file holds several images, channels or times, the person chooses: `cells.om
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,8 @@ from volsplat.protocol.text.errors import BadInput
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WIDER = {"bool": "uint8", "float16": "float32"}  # types that tensors of voxels do not have
 COUNTED_FROM_WHITE = "its photometric counts from white: values are as they are stored, and the greatest means black"
-MOST_COLOURS = 4  # more channels, where there are no slices, are no colours
+MOST_COLOURS = 4  # more channels that nobody states, where there are no slices, are no colours
+IMAGEJ_COLOURS = ("color", "composite")  # how ImageJ shows what it knows as channels
 WHAT_ALONG = {"C": "channels", "T": "times", "Z": "slices"}
 
 
@@ -77,7 +78,8 @@ def _stack(path: Path, part: str, file: Any) -> OpenedVolume:
     packing = series.keyframe
     check_kind(path, packing)
     image = ome.of(number, series.name, (packing.imagewidth, packing.imagelength))
-    chosen = _chosen(path, said, series, image)
+    along = _stacked_axis(path, series, _states_channels(series, file.imagej_metadata or {}))
+    chosen = _chosen(path, said, series, image, along)
     pages = [_page(path, series, n, image) for n in chosen.pages]
     place = stated_place(file, packing, image, ome.kept_in)
     return stack_of(path, _format(file, pages), pages, place, chosen)
@@ -127,7 +129,12 @@ def _slice_axis(series: Any) -> int | None:
     return next(iter([*named, *reversed(other)]), None)
 
 
-def _stacked_axis(path: Path, series: Any) -> int:
+def _states_channels(series: Any, imagej: Mapping[str, Any]) -> bool:
+    """Whether somebody says that channels are such: programs that name no axes call all pages of ImageJ's channels."""
+    return series.kind != "imagej" or imagej.get("mode") in IMAGEJ_COLOURS or "Labels" in imagej
+
+
+def _stacked_axis(path: Path, series: Any, states_channels: bool) -> int:
     """The axis that is drawn as slices. Raises BadInput if none can be."""
     if (along := _slice_axis(series)) is not None and series.axes[-2:] == "YX":
         return along
@@ -135,7 +142,7 @@ def _stacked_axis(path: Path, series: Any) -> int:
     width, height = series.keyframe.imagewidth, series.keyframe.imagelength
     if series.axes[-2:] != "YX" or [series.axes[n] for n in long] != ["C"]:
         refuse_other_dimensions(path, (width, height))
-    if series.shape[long[0]] > MOST_COLOURS:
+    if series.shape[long[0]] > MOST_COLOURS and not states_channels:
         return long[0]
     raise BadInput(
         f"{path}: a 2-D image of {series.shape[long[0]]} channels of {width} x {height}, no slices; volsplat needs a "
@@ -153,9 +160,8 @@ class Chosen:
     warnings: tuple[str, ...] = ()
 
 
-def _chosen(path: Path, said: PartOptions, series: Any, image: OmeImage | None) -> Chosen:
+def _chosen(path: Path, said: PartOptions, series: Any, image: OmeImage | None, along: int) -> Chosen:
     axes, shape = series.axes[:-2], series.shape[:-2]
-    along = _stacked_axis(path, series)
     channels = image.channels if image is not None else ()
     index: list[int | slice] = [0] * len(shape)
     index[along] = slice(None)

@@ -252,6 +252,24 @@ def test_many_channels_are_slices_where_there_are_no_others(tmp_path: Path) -> N
     np.testing.assert_array_equal(read_whole(path), VALUES)
     tifffile.imwrite(path, VALUES[:4], imagej=True, metadata={"axes": "CYX"})
     assert "a 2-D image of 4 channels of 40 x 33, no slices" in refused(path)
+    assert "a 2-D image of 4 channels of 40 x 33, no slices" in refused(f"{path}#c=2")
+
+
+@pytest.mark.parametrize("part", ["", "#c=2"])
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        {"ome": True, "metadata": {"axes": "CYX", "Channel": {"Name": ["DAPI", "CD3", "CD8", "CD20", "CK", "Ki67"]}}},
+        {"ome": True, "metadata": {"axes": "CYX"}},
+        {"metadata": {"axes": "CYX"}},
+        {"imagej": True, "metadata": {"axes": "CYX", "mode": "composite"}},
+        {"imagej": True, "metadata": {"axes": "CYX", "Labels": ["DAPI", "CD3", "CD8", "CD20", "CK", "Ki67"]}},
+    ],
+)
+def test_channels_that_are_stated_are_no_slices(metadata: dict[str, Any], part: str, tmp_path: Path) -> None:
+    path = tmp_path / "cells.tif"
+    tifffile.imwrite(path, VALUES, photometric="minisblack", **metadata)
+    assert "a 2-D image of 6 channels of 40 x 33, no slices" in refused(f"{path}{part}")
 
 
 @pytest.mark.parametrize("compression", [None, "zlib", "lzw"])
