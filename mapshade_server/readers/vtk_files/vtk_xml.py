@@ -5,6 +5,7 @@ is refused.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,12 @@ from xml.parsers import expat
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.vtk_files.vtk_choice import NamedArray
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.printable import printable
 
 GRIDS = ("ImageData", "RectilinearGrid")
 NAMES_FILE = ("file", "Source")  # attributes by which a file of others names them
 READ = (".vti", ".vtr")
+IN_PIECES = {"PImageData": ".vti", "PRectilinearGrid": ".vtr"}  # each a part of one grid, and what that is saved as
 ARRAYS_IN = ("PointData", "CellData", "Coordinates")
 PARSED_CHUNK = 1 << 16
 SCALAR_TYPES = {
@@ -140,14 +143,23 @@ class _Parsing:
         self.xml.appended_start += match.end()
 
 
+def _listing(path: Path, kind: str, images: Sequence[str]) -> str:
+    """What a list of files is, and what to give in its place."""
+    first = printable(str(path.parent / images[0]))
+    if len(images) == 1:
+        return f"a list of 1 file; give it: {first}"
+    if kind in IN_PIECES:
+        return f"one grid in {len(images)} files; save it as one {IN_PIECES[kind]}, as ParaView does"
+    return f"a list of {len(images)} files; give one of them, as {first}"
+
+
 def vtk_xml(path: Path) -> VtkXml:
     """What the XML says. Raises BadInput if it is damaged or describes no image or grid in one piece."""
     xml = _Parsing(path).run()
     kind = xml.file.get("type", "")
     images = [name for name in xml.names if name.lower().endswith(READ)]
     if kind not in GRIDS and images:
-        count = f"{len(images)} files; give one of them, as" if len(images) > 1 else "1 file; give it:"
-        raise BadInput(f"{path}: holds VTK's {kind}, a list of {count} {path.parent / images[0]}")
+        raise BadInput(f"{path}: holds VTK's {printable(kind)}, {_listing(path, kind, images)}")
     if kind not in GRIDS:
         raise BadInput(f"{path}: holds VTK's {kind or 'nothing'}, volsplat reads ImageData; resample it to an image")
     stated = [xml.grid.get("WholeExtent", ""), *(piece.get("Extent", "") for piece in xml.pieces)]

@@ -400,6 +400,22 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda d: listing(d, "PImageData", '<Piece Extent="0 1 0 1 0 1" Source="a_0.vti"/>'),
         "list.xml: holds VTK's PImageData, a list of 1 file; give it: ",
     ),
+    "an image in several pieces": (
+        lambda d: listing(d, "PImageData", '<Piece Source="a_0.vti"/><Piece Source="a_1.vti"/>'),
+        "holds VTK's PImageData, one grid in 2 files; save it as one .vti",
+    ),
+    "a rectilinear grid in several pieces": (
+        lambda d: listing(d, "PRectilinearGrid", '<Piece Source="a_0.vtr"/><Piece Source="a_1.vtr"/>'),
+        "one grid in 2 files; save it as one .vtr",
+    ),
+    "a series of names on two lines": (
+        lambda d: listing(d, "Collection", '<DataSet file="a&#10;b.vti"/><DataSet file="b.vti"/>'),
+        "a?b.vti",
+    ),
+    "blocks": (
+        lambda d: listing(d, "vtkMultiBlockDataSet", '<DataSet index="0" file="a.vti"/><DataSet file="b.vti"/>'),
+        "a list of 2 files; give one of them, as ",
+    ),
     "meshes": (
         lambda d: listing(d, "vtkMultiBlockDataSet", '<DataSet index="0" file="a.vtp"/>'),
         "holds VTK's vtkMultiBlockDataSet, volsplat reads ImageData; resample",
