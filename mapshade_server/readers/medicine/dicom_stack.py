@@ -14,6 +14,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.dicom_file import APART, CLOCKS, DicomFile, Frame, Place
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
+from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.geometry import matrices
@@ -27,6 +28,7 @@ BESIDE_TOLERANCE = 0.25  # of a pixel
 FINEST_STEP = 0.25  # of the usual distance of slices, when they are resampled
 ORIENTATIONS = ("sagittal", "coronal", "axial")  # by the axis that the normal is closest to
 ORIENTATION = "orientation"
+TYPE = "type"
 KEYS = (ORIENTATION, *APART)
 MOST_ORIENTATIONS = 64  # of stacks in one series: each frame is compared with all
 MOST_SHOWN = 5
@@ -94,15 +96,21 @@ def _split(name: Name, group: list[Frame], key: str) -> Groups:
 
     By the clock only into parts that have a frame at each place.
     """
-    parts: dict[str, list[Frame]] = {}
-    different = _different_words([frame.apart.get(key, ()) for frame in group])
-    for frame, words in zip(group, different, strict=True):
-        parts.setdefault("/".join(words) or "none", []).append(frame)
+    parts = _parts(group, key)
     if len(parts) == 1 or sum(_collisions(part) for part in parts.values()) == _collisions(group):
         return {name: group}
     if key in CLOCKS and any(_places(part) != _places(group) for part in parts.values()):
         return {name: group}
     return {(*name, (key, value)): part for value, part in parts.items()}
+
+
+def _parts(frames: Sequence[Frame], key: str) -> dict[str, list[Frame]]:
+    """The frames by what they say of `key`."""
+    parts: dict[str, list[Frame]] = {}
+    values = [frame.apart.get(key, ()) for frame in frames]
+    for frame, words in zip(frames, _different_words(values) if key == TYPE else values, strict=True):
+        parts.setdefault("/".join(words) or "none", []).append(frame)
+    return parts
 
 
 def _different_words(values: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
@@ -288,9 +296,20 @@ def _check_apart(source: Path, frames: Sequence[Frame], gaps: Sequence[float], u
     for n, gap in enumerate(gaps):
         if gap <= GAP_TOLERANCE * real:
             raise BadInput(
-                f"{source}: slices {frames[n].name} and {frames[n + 1].name} lie at one position and nothing tells "
-                "them apart; remove copies, or put one phase of the series into a folder"
+                f"{source}: slices {frames[n].name} and {frames[n + 1].name} lie at one position and "
+                f"{_why_together(frames)}, or put one phase of the series into a folder"
             )
+
+
+def _why_together(frames: Sequence[Frame]) -> str:
+    """Why frames at one place stand in one volume, and the cure."""
+    count = len(_places(frames))
+    for key in CLOCKS:
+        parts = _parts(frames, key)
+        if len(parts) > 1 and all(len(part) == len(_places(part)) > 1 for part in parts.values()):
+            held = [f"{key}={value} has {len(part)} of {count}" for value, part in parts.items() if len(part) < count]
+            return f"{key} tells volumes apart, but slices are missing: {listed(held)}; complete the series"
+    return "nothing tells them apart; remove copies"
 
 
 def _check_line(source: Path, in_order: Sequence[tuple[Frame, Place]], heights: Sequence[float]) -> None:

@@ -332,6 +332,28 @@ def test_a_time_of_each_slice_sets_no_volumes_apart(tag: str, tmp_path: Path) ->
     assert "slices s3 and s4 lie at one position and nothing tells them apart" in refused(tmp_path)
 
 
+@pytest.mark.parametrize(("key", "tag"), [("acquired", "AcquisitionTime"), ("content", "ContentTime")])
+def test_a_slice_that_one_of_two_times_lacks_is_told(key: str, tag: str, tmp_path: Path) -> None:
+    for n in range(9):
+        tags: dict[str, Any] = {"kind": MR, tag: f"12000{n // 5}"}
+        slice_file(tmp_path / f"s{n}", VALUES[n % 5], (0, 0, 3 * (n % 5)), **tags)
+    told = refused(tmp_path)
+    assert f"{key} tells volumes apart, but slices are missing: {key}=120001 has 4 of 5; complete the series" in told
+    slice_file(tmp_path / "s9", VALUES[4] + 100, (0, 0, 12), **tags)
+    np.testing.assert_array_equal(read_whole(f"{tmp_path}#{key}=120000"), VALUES)
+
+
+@pytest.mark.parametrize("directions", [([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), ([0.6, 0.0, 0.8], [0.6, 0.8, 0.0])])
+def test_directions_of_diffusion_are_named_whole(directions: Sequence[Sequence[float]], tmp_path: Path) -> None:
+    for phase, direction in enumerate(directions):
+        tags: dict[str, Any] = {"kind": MR, "DiffusionGradientOrientation": direction}
+        for n in range(3):
+            slice_file(tmp_path / f"{n}{phase}", VALUES[n] + 100 * phase, (0, 0, 3 * n), **tags)
+    for phase, direction in enumerate(directions):
+        words = "/".join(f"{x:g}" for x in direction)
+        np.testing.assert_array_equal(read_whole(f"{tmp_path}#gradient={words}"), VALUES[:3] + 100 * phase)
+
+
 # Multi-frame files
 
 
