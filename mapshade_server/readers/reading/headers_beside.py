@@ -8,16 +8,27 @@ from pathlib import Path
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 
 NAMING = (".mhd", ".nhdr")  # of text, with the names of the files that hold the voxels
+DATA_FILE = re.compile(rb"\s*(?:ElementDataFile\s*=|data ?file\s*:)", re.IGNORECASE)
 LONGEST_HEADER = 1 << 16
 MOST_HEADERS = 100  # that are looked into
 
 
 def header_naming(path: Path) -> Path | None:
-    """A header in the file's folder in which its name is a line's last word."""
-    names = re.compile(
-        rb"(?:^|[\s=:/\\])" + re.escape(path.name.encode(errors="surrogateescape")) + rb"\s*$", re.MULTILINE
-    )
-    return next((header for header in islice(_headers(path), MOST_HEADERS) if names.search(_text(header))), None)
+    """A header in the file's folder that says that the voxels are in it."""
+    name = path.name.encode(errors="surrogateescape")
+    return next((header for header in islice(_headers(path), MOST_HEADERS) if name in _named(_text(header))), None)
+
+
+def _named(text: bytes) -> Iterator[bytes]:
+    """The names of the files with a header's voxels, without folders: of one, or on lines of their own."""
+    listed = False
+    for line in text.splitlines():
+        field = DATA_FILE.match(line)
+        if field is None and not listed:
+            continue
+        named = (line[field.end() :] if field else line).strip()
+        listed = listed or named.upper().startswith(b"LIST")
+        yield re.split(rb"[/\\]", named)[-1]
 
 
 def _headers(path: Path) -> Iterator[Path]:

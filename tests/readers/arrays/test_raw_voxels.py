@@ -126,12 +126,21 @@ def test_a_sidecar_that_is_made_to_do_harm_is_refused_in_one_line(told: str, tmp
 
 
 @pytest.mark.parametrize("name", ["voxels.zraw", "mole[cule].binary", "7", "voxels.raw", "voxels.raw.gz"])
-@pytest.mark.parametrize("header, line", [("a.mhd", "ElementDataFile = {}"), ("a.nhdr", "data file: ./{}")])
+@pytest.mark.parametrize(
+    "header, line",
+    [
+        ("a.mhd", "ElementDataFile = {}"),
+        ("a.mhd", "ElementDataFile = LIST\nfirst.raw\n{}"),
+        ("a.nhdr", "data file: ./{}"),
+        ("a.nhdr", "datafile: LIST\nparts/first.raw\nparts/{}"),
+    ],
+)
 def test_a_file_whose_name_a_header_beside_it_bears_is_that_header_s(
     name: str, header: str, line: str, tmp_path: Path
 ) -> None:
     (tmp_path / name).write_bytes(bytes(range(1, 200)))
-    (tmp_path / "of_another.mhd").write_text(f"ElementDataFile = not{name}\n")
+    (tmp_path / "of_another.mhd").write_text(f"NDims = {name}\nElementDataFile = not{name}\n")
+    (tmp_path / "of_another.nhdr").write_text(f"# {name}\ndimension: {name}\ndata file: not{name}\nkey:={name}\n")
     with pytest.raises(BadInput) as refusal:
         open_volume(str(tmp_path / name))
     assert "beside it" not in str(refusal.value)
