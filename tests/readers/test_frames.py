@@ -28,7 +28,8 @@ def by_simple_itk(path: Path, compressed: bool = False) -> Path:
 def nrrd(path: Path, kinds: str, directions: str, stored: Voxels, encoding: str = "raw") -> Path:
     sizes = " ".join(str(n) for n in stored.shape[::-1])
     fields = f"{kinds}\nspace: left-posterior-superior\nspace directions: {directions}\nspace origin: (1,2,3)\n"
-    head = f"NRRD0004\ntype: short\ndimension: 4\nsizes: {sizes}\nendian: little\nencoding: {encoding}\n{fields}\n"
+    shape = f"dimension: {stored.ndim}\nsizes: {sizes}"
+    head = f"NRRD0004\ntype: short\n{shape}\nendian: little\nencoding: {encoding}\n{fields}\n"
     data = stored.tobytes()
     path.write_bytes(head.encode() + (gzip.compress(data) if encoding == "gzip" else data))
     return path
@@ -111,6 +112,18 @@ def test_two_axes_outside_space_are_refused(tmp_path: Path) -> None:
     path = nrrd(tmp_path / "v.nrrd", "kinds: vector space space list", "none (1,0,0) (0,1,0) none", INTERLEAVED)
     with pytest.raises(BadInput, match="axes of 4 and 5 values that are not axes of space"):
         open_volume(str(path))
+
+
+@pytest.mark.parametrize("kinds", ["domain domain domain domain domain", "vector space space space space"])
+def test_more_axes_of_space_than_a_series_has_are_told_as_such(kinds: str, tmp_path: Path) -> None:
+    values = np.zeros((2, 3, 4, 5, 6), np.int16)
+    path = nrrd(tmp_path / "v.nrrd", f"kinds: {kinds}", "", values)
+    assert "a series of 6 x 5 x 4 x 3 x 2 voxels, volsplat needs one volume" in refused(path)
+
+
+def test_axes_of_which_nothing_is_said_are_a_series(tmp_path: Path) -> None:
+    path = nrrd(tmp_path / "v.nrrd", "content: a test", "", SERIES)
+    assert "a series of 7 x 6 x 5 x 4 voxels" in refused(path)
 
 
 def test_a_series_as_text_is_refused(tmp_path: Path) -> None:

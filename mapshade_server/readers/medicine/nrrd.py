@@ -156,7 +156,9 @@ def _axes(header: NrrdHeader) -> _Axes:
     if not sizes or min(sizes) < 1 or header.integers("dimension") != (len(sizes),):
         raise header.wrong("sizes", "does not fit the dimension")
     refuse_flat_colours(header.path, sizes, _kinds(header), placed="space directions" in header.fields)
-    spatial = _spatial(header, len(sizes)) if len(sizes) > 3 else [True] * len(sizes)
+    leading = _leading(header, len(sizes)) if len(sizes) > 3 else []
+    first_three = [one and sum(leading[:n]) < 3 for n, one in enumerate(leading)]  # ITK has a fourth one for a series
+    spatial = first_three or [True] * len(sizes)
     all_axes = range(len(sizes))
     # Axes of several values that lead nowhere in space.
     along = [axis for axis in all_axes if sizes[axis] > 1 and not spatial[axis]] if len(sizes) > 3 else []
@@ -164,6 +166,8 @@ def _axes(header: NrrdHeader) -> _Axes:
     for axis in reversed(all_axes):
         if axis in axes and sizes[axis] == 1 and len(axes) > 3 and (not spatial[axis] or axis >= 3):
             axes.remove(axis)
+    if len(along) > 1 and any(leading[axis] for axis in along):
+        refuse_other_dimensions(header.path, sizes)
     if len(along) > 1 or along and along[0] not in (0, len(sizes) - 1):
         told = " and ".join(f"{sizes[axis]}" for axis in along)
         refuse_vectors(header.path, f"axes of {told} values that are not axes of space")
@@ -179,19 +183,15 @@ def _kinds(header: NrrdHeader) -> list[str]:
     return header.fields.get("kinds", "").lower().split()
 
 
-def _spatial(header: NrrdHeader, count: int) -> list[bool]:
-    """Which axes lead through space, as kinds and directions have it: three at most, the first of them.
-
-    ITK has a fourth one for the volumes of a series.
-    """
+def _leading(header: NrrdHeader, count: int) -> list[bool]:
+    """Which axes lead through space, as kinds and directions have it; none if the header does not say."""
     kinds = _kinds(header)
     directions = header.vectors("space directions") if "space directions" in header.fields else []
     if len(kinds) != count and len(directions) != count:
-        return [True] * count
+        return []
     by_kinds = [kind in SPATIAL_KINDS for kind in kinds] if len(kinds) == count else [True] * count
     leading = [direction is not None for direction in directions] if len(directions) == count else [True] * count
-    spatial = [by_kind and leads for by_kind, leads in zip(by_kinds, leading, strict=True)]
-    return [one and sum(spatial[:n]) < 3 for n, one in enumerate(spatial)]
+    return [by_kind and leads for by_kind, leads in zip(by_kinds, leading, strict=True)]
 
 
 def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
