@@ -298,12 +298,17 @@ class PacketStore:
 
 def is_store(folder: Path) -> bool:
     """Whether a folder is a packet store, finished or not. Zarr is not imported for it."""
-    return has_attributes(folder) or _journal(folder).is_file()
+    return has_attributes(folder) or _has_journal(folder)
 
 
 def has_attributes(folder: Path) -> bool:
     """Whether a packet store's volume has been surveyed: until then it has a journal alone."""
     return PACKET_STORE in _group_attributes(folder)
+
+
+def _has_journal(folder: Path) -> bool:
+    """False for what cannot be looked at, too, as a name that is too long: Path.is_file raises OSError for it."""
+    return os.path.isfile(_journal(folder))
 
 
 def _journal(folder: Path) -> Path:
@@ -326,7 +331,7 @@ def _group_attributes(folder: Path) -> dict[str, Any]:
 
 def open_store(place: str) -> PacketStore:
     """The store at a path or, with fsspec, a URL. Raises BadInput for what is no finished store."""
-    if _journal(Path(place)).is_file() and not has_attributes(Path(place)):
+    if _has_journal(Path(place)) and not has_attributes(Path(place)):
         raise _unfinished(place, _begun_from(Path(place)))
     zarr = library("zarr", f"{place}: a packet store")
     try:

@@ -2,12 +2,14 @@
 
 import errno
 import json
+import os
 import shutil
 import sys
 import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
@@ -152,6 +154,24 @@ def test_a_store_is_told_from_other_folders(place: Path, tmp_path: Path) -> None
         open_store(str(tmp_path))
     with pytest.raises(BadInput, match="no packet store can be opened here"):
         open_store(str(tmp_path / "nowhere"))
+
+
+def test_what_cannot_be_looked_at_is_no_store(tmp_path: Path) -> None:
+    too_long = tmp_path / ("x" * 300)
+    assert not is_store(too_long)
+    with pytest.raises(BadInput, match="no packet store can be opened here"):
+        open_store(str(too_long))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_a_folder_that_is_closed_to_its_reader_is_no_store(tmp_path: Path) -> None:
+    with TemporaryDirectory() as folder:  # those above tmp_path are closed as well
+        Path(folder).chmod(0o700)
+        pid = os.fork()
+        if not pid:
+            os.setuid(65534)  # nobody
+            os._exit(int(is_store(Path(folder))))
+        assert os.waitpid(pid, 0)[1] == 0
 
 
 def changed(place: Path, copy: Path, **fields: object) -> str:
