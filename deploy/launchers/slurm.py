@@ -24,7 +24,12 @@ OWN_CORES = '--threads "$SLURM_CPUS_ON_NODE"'  # of the job, wherever it runs
 # A job that Slurm will run again is completing until it has left its node.
 WAITING = {"PENDING", "CONFIGURING", "COMPLETING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "RESV_DEL_HOLD"}
 WAITING |= {"SPECIAL_EXIT", "STAGE_OUT", "STOPPED", "SUSPENDED"}
-NOT_REACHED = re.compile("without a word|contact slurm|timed out|[Cc]onnect|[Cc]ommunication|Zero Bytes")
+# What sbatch says of jobs that other options would get through; never what it says of its controller, or munge.
+OPTIONS_CURE = re.compile(
+    r"--[a-z]|partition|\baccount\b|\bqos\b|memory specification|time limit|node (configuration|name|count)"
+    r"|cpu count|processors|\bgres\b|feature|constraint|reservation|licen[cs]e|wckey",
+    re.IGNORECASE,
+)
 AT_WORK = {"RUNNING", "RESIZING", "SIGNALING"}
 
 
@@ -204,7 +209,7 @@ def _asked(command: Sequence[str], given: str = "") -> str:
 
 
 def _cure(command: str, reason: str) -> str:
-    """A job that the controller turns down is changed by its options; else it is looked whether there is one."""
-    if command == "sbatch" and not NOT_REACHED.search(reason):
+    """Its options change a job that the controller turns down; of anything else `scontrol ping` tells more."""
+    if command == "sbatch" and OPTIONS_CURE.search(reason):
         return "see slurm.options in the cluster file"
     return "try: scontrol ping"

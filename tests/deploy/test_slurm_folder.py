@@ -79,6 +79,23 @@ def test_a_folder_that_others_could_write_to_is_refused(
             "see slurm.options",
         ),
         ("invalid partition specified: none", "see slurm.options"),
+        ("Batch job submission failed: Requested node configuration is not available", "see slurm.options"),
+        ("Memory specification can not be satisfied", "see slurm.options"),
+        (
+            "Batch job submission failed: Requested time limit is invalid (missing or exceeds some limit)",
+            "see slurm.options",
+        ),
+        ("Batch job submission failed: Invalid qos specification", "see slurm.options"),
+        (
+            "Batch job submission failed: Job violates accounting/QOS policy (job submit limit, "
+            "user's size and/or time limits)",
+            "see slurm.options",
+        ),
+        ("unrecognized option '--patition=long'", "see slurm.options"),
+        ("Batch job submission failed: Invalid authentication credential", "try: scontrol ping"),
+        ("Batch job submission failed: Protocol authentication error", "try: scontrol ping"),
+        ("Batch job submission failed: Resource temporarily unavailable", "try: scontrol ping"),
+        ("resolve_ctls_from_dns_srv: Could not establish a configuration source", "try: scontrol ping"),
         ("Batch job submission failed: Unable to contact slurm controller (connect failure)", "try: scontrol ping"),
         ("Batch job submission failed: Socket timed out on send/recv operation", "try: scontrol ping"),
     ],
@@ -87,7 +104,7 @@ def test_a_job_that_is_turned_down_is_cured_by_its_options(
     said: str, cure: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sbatch = tmp_path / "sbatch"
-    sbatch.write_text(f"#!/bin/sh\necho 'sbatch: error: {said}' >&2\nexit 1\n", encoding="utf-8")
+    sbatch.write_text(f"#!/bin/sh\ncat >&2 <<'END'\nsbatch: error: {said}\nEND\nexit 1\n", encoding="utf-8")
     sbatch.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     with pytest.raises(BadInput, match=rf"{re.escape(said)}; {cure}"):
