@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import click
 
 from volsplat.client.command.help_page import headed
-from volsplat.client.figure.figure import BARE, CENTIMETRES, PRINTED, Figure, figure_with, label_from_text
+from volsplat.client.figure.figure import BARE, PRINTED, Figure, figure_with, label_from_text, lengths_from_text
 from volsplat.protocol.description.scene_key import Key, declarations
 from volsplat.protocol.text.errors import BadInput
 
@@ -57,23 +56,12 @@ def figure_of(settings: dict[str, Any]) -> Figure | None:
         changes = dict.fromkeys(PARTS, True) | changes
     if "labels" in changes:
         changes["labels"] = tuple(_label(text) for text in changes["labels"])
-    size = _printed_size(settings["size"]) if settings["size"] else None
-    if size is not None:
+    if lengths := lengths_from_text(settings["size"] or ""):
         settings["size"] = None
-        changes |= size
+        changes |= zip(PRINTED, lengths, strict=False)  # the first may stand alone
     if not changes:
         return None
     return figure_with(BARE, changes)
-
-
-def _printed_size(text: str) -> Mapping[str, Any] | None:
-    """Width and height in cm from 8.5cm or 8.5x12cm; None for what is in pixels."""
-    match = re.fullmatch(r"(\d*\.?\d+)(?:x(\d*\.?\d+))?(cm|mm|in)", text)
-    if match is None:
-        return None
-    factor = CENTIMETRES[match[3]]
-    size = {"width": float(match[1]) * factor}
-    return size | ({"height": float(match[2]) * factor} if match[2] else {})
 
 
 def _label(text: str) -> tuple[str, tuple[float, float, float]]:

@@ -99,7 +99,7 @@ def draw(
     options.tell_unsuited(volume, console)
     if figure is not None:
         scene = sized(figure, scene, volume)
-        if why := why_unlabelled(figure.labels, scene, volume.description.geometry):
+        if why := why_unlabelled(figure.labels, scene, volume):
             console.say(f"note: {why}")
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])

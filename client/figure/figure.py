@@ -126,8 +126,17 @@ class Figure(Part, frozen=True):
 
 def centimetres_from_text(text: str) -> float | str:
     """How many centimetres 8.5cm, 85mm or 3.3in are; the text itself if it is none of these."""
-    match = re.fullmatch(r"(\d*\.?\d+) ?(cm|mm|in)", text.strip())
-    return text if match is None else float(match[1]) * CENTIMETRES[match[2]]
+    lengths = lengths_from_text(text)
+    return lengths[0] if len(lengths) == 1 else text
+
+
+def lengths_from_text(text: str) -> tuple[float, ...]:
+    """In centimetres the one length of 8.5cm, or both of 8.5x12cm; none if it is neither."""
+    match = re.fullmatch(r"(\d*\.?\d+)(?:x(\d*\.?\d+))? ?(cm|mm|in)", text.strip())
+    if match is None:
+        return ()
+    *numbers, unit = match.groups()
+    return tuple(float(number) * CENTIMETRES[unit] for number in numbers if number is not None)
 
 
 def label_from_text(text: str) -> tuple[str, Vector]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Colour, Image, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -22,8 +23,9 @@ def place_of(point: Vector, scene: Scene, geometry: Geometry) -> tuple[float, fl
     return x + 0.5, y + 0.5
 
 
-def why_unlabelled(labels: Sequence[tuple[str, Vector]], scene: Scene, geometry: Geometry) -> str:
+def why_unlabelled(labels: Sequence[tuple[str, Vector]], scene: Scene, volume: SurveyedVolume) -> str:
     """One line that names the labels whose voxels lie outside the picture; empty if none do."""
+    scene, geometry = volume.settled(scene), volume.description.geometry
     absent = [text for text, point in labels if not _is_inside(*place_of(point, scene, geometry), scene.image)]
     if not absent:
         return ""

@@ -48,6 +48,10 @@ class EmptyImage(UserWarning):
     """Nothing is visible in an image: it may be meant, or a table, the window or the view may have gone wrong."""
 
 
+class MissingLabel(UserWarning):
+    """A figure lacks a label, since what it points at lies outside the picture."""
+
+
 @overload
 def render(
     volume: Any,
@@ -205,8 +209,8 @@ def _rendered(
         from volsplat.client.figure.pointing_labels import why_unlabelled
 
         wanted = sized(figure, wanted, of)
-        if why := why_unlabelled(figure.labels, wanted, of.description.geometry):
-            warnings.warn(why, UserWarning, stacklevel=level_of_caller())
+        if why := why_unlabelled(figure.labels, wanted, of):
+            warnings.warn(why, MissingLabel, stacklevel=level_of_caller())
     image = RenderedImage(renderer.finish(wanted, step).published, wanted, of, renderer.path)
     if why := why_empty(image.numpy(), wanted):
         warnings.warn(why, EmptyImage, stacklevel=level_of_caller())

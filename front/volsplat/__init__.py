@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from volsplat.client.scene.colour_maps import colormap as colormap
     from volsplat.client.scene.presets import PRESETS as presets
     from volsplat.client.script.plotting import EmptyImage as EmptyImage
+    from volsplat.client.script.plotting import MissingLabel as MissingLabel
     from volsplat.client.script.plotting import UnsuitedPreset as UnsuitedPreset
     from volsplat.client.script.plotting import VolumeNote as VolumeNote
     from volsplat.client.script.plotting import export as export
@@ -39,6 +40,7 @@ _ROOMS = {
     "EmptyImage": "volsplat.client.script.plotting",
     "Figure": "volsplat.client.figure.figure",
     "FrameGivenUp": "volsplat.client.session.asked_frames",
+    "MissingLabel": "volsplat.client.script.plotting",
     "OrientationUnknown": "volsplat.client.memory.array_volume",
     "RenderedFigure": "volsplat.client.script.rendered_image",
     "RenderedImage": "volsplat.client.script.rendered_image",
@@ -65,6 +67,7 @@ __all__ = [
     "EmptyImage",
     "Figure",
     "FrameGivenUp",
+    "MissingLabel",
     "OrientationUnknown",
     "RenderedFigure",
     "RenderedImage",

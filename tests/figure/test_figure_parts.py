@@ -18,9 +18,9 @@ from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
 from volsplat.client.figure.drawing import Area, Ramp, Words
-from volsplat.client.figure.figure import BLACK, WHITE, Figure, figure_with
-from volsplat.client.figure.layout import figure_extent, sized
-from volsplat.client.figure.pointing_labels import place_of, pointing_labels, why_unlabelled
+from volsplat.client.figure.figure import Figure, figure_with
+from volsplat.client.figure.layout import figure_extent, laid_out, sized
+from volsplat.client.figure.pointing_labels import place_of, why_unlabelled
 from volsplat.client.figure.scale_bars import bar_length
 from volsplat.client.figure.side_marks import edge_marks
 from volsplat.client.volume.scales import scales_of
@@ -257,8 +257,8 @@ def test_a_figure_takes_lengths_with_their_units(length: str) -> None:
 @given(st.lists(st.tuples(*[st.floats(-200, 400)] * 3), max_size=4))
 def test_a_label_is_in_the_figure_or_told_to_be_missing(points: list[Vector]) -> None:
     labels = [(f"<{n}>", point) for n, point in enumerate(points)]
-    shapes = pointing_labels(labels, SCENE, GEOMETRY, (0, 0), 10, WHITE, BLACK)
-    shown = {shape.text for shape in shapes if isinstance(shape, Words)}
-    told = why_unlabelled(labels, SCENE, GEOMETRY)
+    shapes = laid_out(np.zeros((1, 1, 4), np.float32), Figure(labels=tuple(labels)), SCENE, surveyed()).shapes
+    shown = {shape.text for shape in shapes if isinstance(shape, Words)} & {text for text, _ in labels}
+    told = why_unlabelled(labels, SCENE, surveyed())
     assert bool(told) == (len(shown) < len(labels))
     assert all((text in shown) != (text in told) for text, _ in labels)

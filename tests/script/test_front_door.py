@@ -163,6 +163,15 @@ def test_an_image_that_shows_nothing_is_drawn_with_a_warning_that_says_why() -> 
     assert [warning.filename for warning in told] == [__file__]
 
 
+def test_a_label_outside_a_chosen_scene_is_drawn_without_with_a_warning_that_names_it() -> None:
+    ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 8
+    volume = vs.Volume(ball, spacing=(1, 1, 1))
+    labels = (("middle", (20.0, 20.0, 20.0)), ("corner", (0.0, 39.0, 39.0)))
+    with pytest.warns(vs.MissingLabel, match="lacks the label corner: what it points at lies outside") as told:
+        vs.render(volume, figure=vs.Figure(labels=labels, dpi=72), size=96)
+    assert [warning.filename for warning in told] == [__file__]
+
+
 def test_a_session_that_is_open_is_drawn_by(image: vs.RenderedImage) -> None:
     with vs.open(BALL, workers=1, threads=1) as session:
         drawn = vs.render(session, image.scene)
