@@ -23,6 +23,11 @@ class ValueCounts:
         width = (self.high - self.low) / len(self.counts)
         return [(self.low + (n + 0.5) * width, count) for n, count in enumerate(self.counts) if count]
 
+    @property
+    def different(self) -> int:
+        """How many values there are, as far as bins tell them apart."""
+        return len(self._occupied)
+
     @cached_property
     def voxels(self) -> int:
         return sum(count for _, count in self._occupied)

@@ -9,7 +9,7 @@ from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.class_scenes import classes_scene
 from volsplat.client.scene.contour_scenes import both_signs_scene, density_scene
 from volsplat.client.scene.glow_scenes import spectral_scene, structure_factors_scene
-from volsplat.client.scene.histogram_scene import histogram_scene
+from volsplat.client.scene.histogram_scene import histogram_scene, shows_labels
 from volsplat.client.scene.presets import start_view
 from volsplat.client.scene.seismic_scene import seismic_scene
 from volsplat.client.scene.slice_scene import slice_scene
@@ -22,9 +22,18 @@ def default_scene(subject: Subject) -> Scene:
 
     A single slice of a kind without a scene of its own is a picture in greys.
     """
+    scene = _of_its_kind(subject) or histogram_scene(subject)
+    return msgspec.structs.replace(scene, view=start_view(subject))
+
+
+def is_shown_as_labels(subject: Subject) -> bool:
+    """Whether the default scene takes values for labels that nobody states to be any."""
+    return shows_labels(subject) and _of_its_kind(subject) is None
+
+
+def _of_its_kind(subject: Subject) -> Scene | None:
     build = _BY_KIND.get(subject.kind, slice_scene if subject.single_slice else None)
-    scene = build(subject) if build is not None and subject.histogram.voxels else None
-    return msgspec.structs.replace(scene or histogram_scene(subject), view=start_view(subject))
+    return build(subject) if build is not None and subject.histogram.voxels else None
 
 
 def _seismic(subject: Subject) -> Scene | None:

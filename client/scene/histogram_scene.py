@@ -31,13 +31,10 @@ class Seen:
 
 def histogram_scene(subject: Subject) -> Scene:
     """A CT if one is recognised or stated, labels if the values look like them, else what stands out."""
-    histogram, scale = subject.histogram, subject.ct
-    skin = None if scale is None else Seen(0, round(scale.position(SKIN_HU) * LAST))
-    # Stated units are believed if a body fills the grid, too.
-    most = 1.0 if subject.in_hounsfield else MOST_SEEN
-    if scale is not None and skin is not None and LEAST_SEEN <= skin.share(histogram) <= most:
+    histogram, scale = subject.histogram, _ct_of_a_body(subject)
+    if scale is not None:
         return _skull_in_flesh(scale)
-    if subject.looks_like_labels and _well_seen(_unusual(histogram), histogram):
+    if shows_labels(subject):
         seen, tint = _unusual(histogram), _label_tint(subject)
         opacity = _opacity(seen, histogram, rim=SURFACE)
     else:
@@ -48,6 +45,22 @@ def histogram_scene(subject: Subject) -> Scene:
         shading=Shading(modulation=False, two_sided=seen.below > 0),
         light=KEY_LIGHT,
     )
+
+
+def shows_labels(subject: Subject) -> bool:
+    """Whether `histogram_scene` gives each whole number a colour of its own: one fills much of the volume."""
+    histogram = subject.histogram
+    return subject.looks_like_labels and _ct_of_a_body(subject) is None and _well_seen(_unusual(histogram), histogram)
+
+
+def _ct_of_a_body(subject: Subject) -> CtScale | None:
+    """The scale of a CT whose skin shows. Stated units are believed if a body fills the grid, too."""
+    scale = subject.ct
+    if scale is None:
+        return None
+    skin = Seen(0, round(scale.position(SKIN_HU) * LAST))
+    most = 1.0 if subject.in_hounsfield else MOST_SEEN
+    return scale if LEAST_SEEN <= skin.share(subject.histogram) <= most else None
 
 
 def _well_seen(seen: Seen, histogram: DensityHistogram) -> bool:

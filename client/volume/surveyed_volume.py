@@ -9,7 +9,7 @@ import msgspec
 
 from volsplat.client.histogram.density_histogram import DensityHistogram
 from volsplat.client.histogram.subject import Subject, subject_of
-from volsplat.client.scene.default_scene import default_scene
+from volsplat.client.scene.default_scene import default_scene, is_shown_as_labels
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.enclosing_ball import Ball
@@ -32,6 +32,7 @@ REMEMBERED = 16  # scenes, and windows
 NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
 
 LIKE_A_FILL_VALUE = 1e15  # 1e20, 9.97e36 and 3.4e38 are in use; hardly any data reaches as far
+MASK = 2  # values: what lies between is how near the one surface is
 NEARLY_ALL = 0.95  # of the voxels, in the first and the last of the survey's bins
 EXACT_INTEGERS = 2.0**53  # float64, in which all is computed, has not each of those beyond
 _MARK_IT = "mark it so (NaN, a fill value)"
@@ -117,10 +118,16 @@ class SurveyedVolume:
             return f"{told.kind}, which have none"
         if told.second_scalar is not None:
             return "two values each, which it would mix"
-        if self.has_values and self.subject().looks_like_labels:
+        if self.has_values and self._mixes_labels:
             low, high = self.survey.low, self.survey.high
-            return f"the whole numbers {low:g} to {high:g}, which are taken for labels and have none"
+            return f"the whole numbers {low:g} to {high:g}, which are shown as labels and have none"
         return None
+
+    @property
+    def _mixes_labels(self) -> bool:
+        """Whether values between would be those of labels that lie elsewhere."""
+        subject = self.subject()
+        return subject.values.different > MASK and is_shown_as_labels(subject)
 
     def settled(self, scene: Scene) -> Scene:
         """The scene with numbers for all that its view leaves to the volume: up, and zoom and centre of a fit.

@@ -1,6 +1,7 @@
 """The default scene: whatever the histogram, the first picture shows something, and not everything."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -10,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from volsplat.client.histogram.density_histogram import density_histogram, recognised_ct
-from volsplat.client.histogram.subject import MOST_LABELS, subject_of
+from volsplat.client.histogram.subject import subject_of
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.histogram_scene import LEAST_SEEN, MOST_SEEN
@@ -197,16 +198,39 @@ def test_each_label_has_a_colour_of_its_own_and_the_background_none() -> None:
     assert shown == 0.1
 
 
-@given(st.integers(1, 40), st.booleans())
-def test_step_g_is_refused_for_what_is_shown_as_labels_and_for_no_other_volume(high: int, whole: bool) -> None:
-    values = torch.arange(5**3).reshape(5, 5, 5) % (high + 1)
-    placed = Volume(values.to(torch.uint8 if whole else torch.float32), axes="zyx", spacing=(1, 1, 1))
+def colours_each(scene: Scene, position: Callable[[float], float], high: int) -> bool:
+    """Whether the scene has a colour for each of the whole numbers from 0 up."""
+    places = [place for place, _ in scene.tables.refl.points]
+    return len(places) == high + 1 and places == pytest.approx([position(n) for n in range(high + 1)])
+
+
+@given(st.integers(1, 40), st.integers(0, 120), st.booleans())
+@example(high=21, background=0, whole=True)  # counts of photons
+@example(high=21, background=100, whole=True)
+@example(high=1, background=40, whole=True)  # a mask
+def test_step_g_is_refused_for_what_is_shown_as_more_than_two_labels_and_for_no_other_volume(
+    high: int, background: int, whole: bool
+) -> None:
+    numbers = torch.arange(5**3)
+    values = torch.where(numbers < background, 0, numbers % (high + 1))
+    values[-1] = high
+    placed = Volume(values.reshape(5, 5, 5).to(torch.uint8 if whole else torch.float32), axes="zyx", spacing=(1, 1, 1))
     with SingleProcess(placed) as single:
+        scene = single.volume.default_scene()
         single.volume.check_step(Step.F)
-        labels = whole and high <= MOST_LABELS
-        assert single.volume.has(Step.G) is not labels
-        if labels:
-            with pytest.raises(
-                BadInput, match=f"whole numbers 0 to {high}, which are taken for labels .*; draw step F"
-            ):
-                single.finish(single.volume.default_scene(), Step.G)
+        mixed = colours_each(scene, single.volume.density_histogram().position, high) and len(set(values.tolist())) > 2
+        assert single.volume.has(Step.G) is not mixed
+        if mixed:
+            with pytest.raises(BadInput, match=f"whole numbers 0 to {high}, which are shown as labels .*; draw step F"):
+                single.finish(scene, Step.G)
+
+
+def test_step_g_is_refused_for_few_labels_and_not_for_counts_nor_a_mask() -> None:
+    def has_g(values: torch.Tensor) -> bool:
+        with SingleProcess(Volume(values.to(torch.uint8), axes="zyx", spacing=(1, 1, 1))) as single:
+            return single.volume.has(Step.G)
+
+    numbers = torch.arange(8**3).reshape(8, 8, 8)
+    assert not has_g((numbers % 20).clamp(max=4) * (numbers % 2))
+    assert has_g(numbers % 22)
+    assert has_g(numbers < 100)
