@@ -14,6 +14,7 @@ from rich.text import Text
 from volsplat.client.command.help_page import HelpedCommand
 from volsplat.client.command.render_options import size_from_option
 from volsplat.deploy.cluster.running import RunningCluster
+from volsplat.deploy.cluster.state import MachinesFailed
 from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Size
@@ -43,9 +44,16 @@ def up(cluster: Path) -> None:
     """Start the servers in CLUSTER, a TOML file, that are not running. Status 1 if it is not known whether some are."""
     running = RunningCluster(cluster)
     console = PlainConsole(stderr=True)
-    state = running.up(lines_on(console))
-    by_hand, every = running.not_asked(state), len(state.servers)
-    heard = every - len(by_hand) - len(running.unheard)
+    try:
+        state = running.up(lines_on(console))
+    except MachinesFailed as error:
+        others_up = running.heard_of(error.state)
+        if not others_up.can_draw:
+            raise
+        raise BadInput(
+            f"{error}; the other {len(others_up.servers)} servers are up, and used by --cluster {cluster}"
+        ) from error
+    by_hand, every, heard = running.not_asked(state), len(state.servers), len(running.heard_of(state).servers)
     count = f"{every}" if heard == every else f"{heard} of {every}"
     others = [*running.unheard.values(), *(f"{title}: cannot be asked" for title in by_hand.values())]
     told = "".join(f"; {line}" for line in dict.fromkeys(others))

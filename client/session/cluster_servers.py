@@ -11,7 +11,7 @@ from volsplat.client.session.cluster_watch import ClusterWatch
 from volsplat.client.session.missing_reasons import MissingReasons
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
-from volsplat.deploy.cluster.state import ClusterBusy, ClusterState
+from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, MachinesFailed
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -65,14 +65,11 @@ class ClusterServers:
         """Without machines that fail, if there are both kinds of server. Raises BadInput, which names them, if not."""
         try:
             return self._running.up(self._report)
-        except ClusterBusy:
-            raise
-        except BadInput as error:
-            state = self._running.state()
-            if state is None or not state.can_draw:
+        except MachinesFailed as error:
+            if not error.state.can_draw:
                 raise
             self._tell_missing(str(error))
-            return state
+            return error.state
 
     def _down(self) -> None:
         if not self._opened_by.is_here:  # a process that was forked ends

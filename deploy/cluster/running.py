@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 import msgspec
 
 from volsplat.deploy.cluster.orders import everywhere_for, orders_of, wanted_servers
-from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
+from volsplat.deploy.cluster.state import ClusterState, KnownServer, MachinesFailed, StateFolder
 from volsplat.deploy.cluster_file import BY_HAND, Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.home_path import home_path
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState, StartedServer
@@ -114,7 +114,7 @@ class RunningCluster:
             )
 
     def up(self, report: Report) -> ClusterState:
-        """Start what is missing. Raises BadInput, which names every machine that failed; the others are up then."""
+        """Start what is missing. Raises MachinesFailed, which names each that did, and BadInput."""
         with self.folder.locked():
             state = self.state() or ClusterState(
                 file=self._text,
@@ -128,14 +128,14 @@ class RunningCluster:
             due = {one.name for one in wanted_servers(self.cluster)} - {one.started.name for one in living}
             state, failed = self._brought_up(state, living, due, report)
         if failed:
-            raise BadInput("; ".join([*failed, *self._still_of_use(state)]))
+            raise MachinesFailed(failed, state)
         return state
 
-    def _still_of_use(self, state: ClusterState) -> list[str]:
-        """What is up where some machines failed, for a person to know; nothing if it draws nothing."""
-        if not state.can_draw:
-            return []
-        return [f"the other {len(state.servers)} servers are up, and used by --cluster {self.path}"]
+    def heard_of(self, state: ClusterState) -> ClusterState:
+        """The state as up() has left it, without servers that nobody can tell whether they run."""
+        unknown = self.not_asked(state).keys() | self.unheard.keys()
+        servers = tuple(one for one in state.servers if one.started.name not in unknown)
+        return msgspec.structs.replace(state, servers=servers)
 
     def _unheard(self, state: ClusterState, said: Mapping[str, Said]) -> dict[str, str]:
         titles = {one.started.name: self.cluster.machines[one.machine].title for one in state.servers}
@@ -149,7 +149,7 @@ class RunningCluster:
     def up_anew(self, known: ClusterState, names: Collection[str], report: Report) -> ClusterState:
         """Start others in the place of the servers of these names, once these have ended, if it is up as it is `known`.
 
-        Raises BadInput as up(). One whose place nobody has taken stays known as one that has ended.
+        Raises as up() does. One whose place nobody has taken stays known as one that has ended.
         """
         with self.folder.locked():
             state = self.state()
@@ -162,7 +162,7 @@ class RunningCluster:
             self._stop(self.cluster, [one for one in asked if said[one.started.name].state is not ServerState.ENDED])
             state, failed = self._brought_up(state, state.servers, set(names), report)
         if failed:
-            raise BadInput("; ".join(failed))
+            raise MachinesFailed(failed, state)
         return state
 
     def _brought_up(

@@ -3,7 +3,7 @@
 import fcntl
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -43,6 +43,14 @@ class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     def can_draw(self) -> bool:
         """Whether there are servers of both kinds."""
         return {one.program for one in self.servers} == set(Program)
+
+
+class MachinesFailed(BadInput):
+    """Servers of some machines could not be started; the others are up, as the state has them."""
+
+    def __init__(self, reasons: Iterable[str], state: ClusterState) -> None:
+        super().__init__("; ".join(reasons))
+        self.state = state
 
 
 class ClusterBusy(BadInput):

@@ -63,6 +63,17 @@ def test_jobs_that_may_wait_still_are_named_with_the_command_that_ends_them(
     assert "that it has not begun yet; end these by: scancel 4711 4711" in " ".join(downs[-1].split()), downs
 
 
+def test_servers_that_nobody_has_heard_of_are_not_said_to_be_up(person: Person, tmp_path: Path) -> None:
+    with sshd(tmp_path / "gone") as ssh:
+        machines = BOTH_KINDS, f"{ssh}map-shade-servers = 1\n", unknown("ssh")
+        path = cluster_file(person.folder, f"heard-{os.getpid()}", *machines, keep=3)
+        first = person.runs("deploy", "up", str(path))
+        assert f"; the other 3 servers are up, and used by --cluster {path}" in first.stderr, first.stderr
+    second = person.runs("deploy", "up", str(path))
+    assert f"; the other 2 servers are up, and used by --cluster {path}" in second.stderr, second.stderr
+    person.runs("deploy", "down", str(path))  # ends those that can be reached; the others end by themselves
+
+
 def unknown(launcher: str) -> str:
     """A machine of this launcher whose servers cannot be told where to dial."""
     options = '\nhost = "127.0.0.1"\nssh = {options = ["-o", "NoSuchOption=1"]}' if launcher == "ssh" else ""
