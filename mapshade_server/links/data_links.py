@@ -82,6 +82,7 @@ class DataLinks:
             server=route.server,
             encryption=self._encryption,
             handshake_seconds=CLIENT_FIRST * self._heartbeat.silence,  # one that is frozen takes what is dialled
+            report=lambda error: log.info("%s; trying again", error),
             given_up=lambda: self._given_up() or self._is_unwanted(route),
         )
         self._heartbeat.keep(connection, lambda: CLIENT_FIRST * self._heartbeat.silence)

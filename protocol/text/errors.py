@@ -44,4 +44,4 @@ class NobodyListens(PeerLost):
 
 
 class TurnedAway(PeerLost):
-    """A server that was dialled rejects this client: it serves another, is not ready yet, or alone speaks TLS."""
+    """Who was dialled rejects this side: it serves another, is not ready yet, alone speaks TLS, or has no thread."""

@@ -10,7 +10,7 @@ import msgspec
 
 from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, NobodyListens, PeerLost, RemoteProtocolError
+from volsplat.protocol.text.errors import BadInput, NobodyListens, PeerLost, RemoteProtocolError, TurnedAway
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
@@ -60,8 +60,8 @@ def connect(
     """An open connection to the `expected` role at `address`.
 
     `hello` (see handshake.new_hello) says who dials; `server` is the id of a splat server that is dialled. For
-    `patience` seconds it is tried again while nobody listens there, unless it is `given_up` meanwhile; `report` gets
-    each reason once.
+    `patience` seconds it is tried again while nobody listens there, or who does has no thread for this side, unless it
+    is `given_up` meanwhile; `report` gets each reason once.
     Raises PeerLost where nobody answers in time, BadInput where a person must put it right (unknown name, another
     token or version, another kind of server), RemoteProtocolError where something else than volsplat listens.
     """
@@ -118,9 +118,9 @@ def _try_once(
         shake_hands(connection, handshake)
         peer = Peer(handshake.expected, address.host, address.port, id=server, version=handshake.version)
         connection.open(peer, handshake.hello.role, handshake.id, allocate)
-    except BadInput as error:
+    except (BadInput, TurnedAway) as error:
         connection.close()
-        raise BadInput(f"cannot join the {place}: {error}") from error
+        raise type(error)(f"cannot join the {place}: {error}") from error
     except BaseException:
         connection.close()
         raise
@@ -153,7 +153,9 @@ def dialled_socket(address: Address, place: str) -> socket.socket:
 
 
 def shake_hands(connection: Connection, handshake: DiallerHandshake) -> None:
-    """Run the dialler's side to its end. Raises BadInput where either side rejects, or what the connection raises."""
+    """Run the dialler's side to its end. Raises BadInput where either side rejects, TurnedAway where
+    that may pass, or what the connection raises.
+    """
     handshake.binding = connection.binding
     connection.send(handshake.start())
     while handshake.state is not State.OPEN:

@@ -24,6 +24,7 @@ from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, TurnedAway
 from volsplat.protocol.text.printable import printable
+from volsplat.protocol.text.want_of_threads import tells_want_of_threads
 from volsplat.protocol.wire.tokens import Token
 
 
@@ -143,8 +144,8 @@ class DiallerHandshake(Handshake):
     def receive(self, message: Message) -> Proof | Rejected | None:
         """The message to send next, if any.
 
-        Raises BadInput for what a person can cure (another version, token or kind of server, a rejection), or
-        RemoteProtocolError.
+        Raises BadInput for what a person can cure (another version, token or kind of server, a rejection), TurnedAway
+        where the other side finds no thread, which may pass, or RemoteProtocolError.
         """
         state = self._next(Does.RECEIVES, type(message))
         match message:
@@ -156,7 +157,8 @@ class DiallerHandshake(Handshake):
                 self.state = state
             case Rejected():
                 self.state = state
-                raise BadInput(f"it rejected this side: {printable(message.cause)}")
+                told = f"it rejected this side: {printable(message.cause)}"
+                raise (TurnedAway if tells_want_of_threads(message.cause) else BadInput)(told)
         return None
 
     def _challenged(self, challenge: Challenge) -> Proof | Rejected:

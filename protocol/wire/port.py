@@ -114,19 +114,21 @@ class Port:
     def _take_calls(self, way: socket.socket) -> None:
         while not self._closing.is_set():
             try:
-                caller, address = way.accept()
-            except OSError as error:
+                self._take_call(way)
+            except (OSError, MemoryError, RuntimeError) as error:  # the next one may find what this one lacked
                 if not self._closing.is_set():
-                    self._drop_oldest(f"{self.address} cannot accept: {error.strerror}")
+                    self._drop_oldest(f"{self.address} cannot accept: {_reason(error)}")
                     self._closing.wait(SHORTAGE_PAUSE_SECONDS)
-                continue
-            if caller.family != socket.AF_UNIX:
-                self._begin(caller, Address(plain_host(address[0]), address[1]))
-            elif is_ours(caller):
-                self._begin(caller, HERE)
-            else:
-                self.lines.warn(f"a caller at {self.address} is another user of this machine; the connection is closed")
-                caller.close()
+
+    def _take_call(self, way: socket.socket) -> None:
+        caller, address = way.accept()
+        if caller.family != socket.AF_UNIX:
+            self._begin(caller, Address(plain_host(address[0]), address[1]))
+        elif is_ours(caller):
+            self._begin(caller, HERE)
+        else:
+            self.lines.warn(f"a caller at {self.address} is another user of this machine; the connection is closed")
+            caller.close()
 
     def _begin(self, caller: socket.socket, address: Address) -> None:
         connection = Connection(caller, f"the peer at {address}" if address.port else "a peer on this machine")
@@ -141,7 +143,7 @@ class Port:
             self._drop_oldest(f"{self._most_pending} handshakes are waiting at {self.address}")
         try:
             thread.start()
-        except RuntimeError:  # the system has no thread left to give
+        except (MemoryError, RuntimeError):  # the system has no thread left to give
             with self._lock:
                 self._pending.pop(connection, None)
             self._turn_away(connection, f"cannot take another connection: {CURE}")
@@ -155,6 +157,8 @@ class Port:
             connection.send(Rejected(cause))
         except VolsplatError as error:
             log.debug("%s was not told: %s", connection, error)
+        except MemoryError:
+            log.debug("%s was not told: no memory is left", connection)
         finally:
             connection.close()
 
@@ -199,6 +203,12 @@ class Port:
         connection.close()
         if mine and failure:
             self.lines.warn(f"{failure}; the connection is closed")
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return "this process has no memory left"
+    return isinstance(error, OSError) and error.strerror or str(error)
 
 
 def _bound(host: str, port: int) -> socket.socket:

@@ -1,16 +1,19 @@
 """A port that is crowded drops who is still in the handshake, and nobody else; one that was closed can be had again."""
 
+import re
 import socket
+import ssl
 import sys
 import threading
-from contextlib import closing
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 
 import pytest
 
 from support.patience import PATIENCE, wait_until
 from support.programs.little_memory import no_more_threads
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, PeerLost, TurnedAway, VolsplatError
+from volsplat.protocol.text.errors import PeerLost, TurnedAway, VolsplatError
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.calling import call
@@ -25,6 +28,8 @@ from volsplat.protocol.wire.tokens import new_token
 from volsplat.protocol.wire.waiting import WaitingPort
 
 HOST = "127.0.0.2"  # where there is no Unix socket beside the port
+TOKEN = new_token()
+NO_THREAD_FOR_IT = "cannot join .*: it rejected this side: .*ulimit -u"
 
 
 def test_where_it_is_crowded_nobody_is_dropped_who_has_come_in_already() -> None:
@@ -67,18 +72,47 @@ def test_a_port_can_be_had_again_at_once_though_connections_of_it_have_just_ende
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
 @pytest.mark.parametrize("encryption", Encryption)
-def test_a_caller_for_whom_there_is_no_thread_hears_so_at_once(encryption: Encryption) -> None:
-    token = new_token()
-    with Listener(Role.SPLAT_SERVER, token, host=HOST, encryption=encryption) as listener:
+def test_a_caller_for_whom_there_is_no_thread_hears_so_at_once_and_comes_in_when_there_is_one(
+    encryption: Encryption,
+) -> None:
+    with Listener(Role.SPLAT_SERVER, TOKEN, host=HOST, encryption=encryption) as listener:
+        _dial(listener, encryption).close()  # so that what a handshake needs is there
+        told = list[PeerLost]()
+        with ExitStack() as want:
+            want.enter_context(no_more_threads())
+            with pytest.raises(PeerLost, match=NO_THREAD_FOR_IT):
+                _dial(listener, encryption, patience=0.0)
 
-        def dial() -> Connection:
-            hello = new_hello(Role.DATA_LINK, server=7)
-            return connect(listener.address, hello, token, Role.SPLAT_SERVER, encryption=encryption)
+            def report(error: PeerLost) -> None:
+                told.append(error)
+                want.close()
 
-        dial().close()  # so that what a handshake needs is there
-        with no_more_threads(), pytest.raises(BadInput, match="rejected this side: .*ulimit -u"):
-            dial()
-        dial().close()
+            _dial(listener, encryption, report=report).close()
+        assert len(told) == 1 and re.search(NO_THREAD_FOR_IT, str(told[0]))
+        assert isinstance(told[0], TurnedAway)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
+@pytest.mark.parametrize(
+    "want", [MemoryError(), RuntimeError("no random numbers")], ids=lambda want: type(want).__name__
+)
+def test_who_cannot_even_be_told_that_there_is_no_thread_is_dropped_and_the_next_one_comes_in(
+    want: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    do_handshake = ssl.SSLObject.do_handshake
+
+    def fails(self: ssl.SSLObject) -> None:
+        if self.server_side:
+            raise want
+        do_handshake(self)
+
+    with Listener(Role.SPLAT_SERVER, TOKEN, host=HOST, encryption=Encryption.ALWAYS) as listener:
+        _dial(listener, Encryption.ALWAYS).close()
+        with monkeypatch.context() as patch, no_more_threads():
+            patch.setattr(ssl.SSLObject, "do_handshake", fails)
+            with pytest.raises(PeerLost):
+                _dial(listener, Encryption.ALWAYS, patience=0.0)
+        _dial(listener, Encryption.ALWAYS).close()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
@@ -101,6 +135,18 @@ def test_a_client_that_a_waiting_server_has_no_thread_for_hears_so() -> None:
         with no_more_threads(), pytest.raises(PeerLost, match="cannot take another connection: .*ulimit -u"):
             calls()
         assert [type(error) for error in told] == [TurnedAway], "it may be called again"
+
+
+def _dial(
+    listener: Listener,
+    encryption: Encryption,
+    patience: float = PATIENCE,
+    report: Callable[[PeerLost], None] = lambda _: None,
+) -> Connection:
+    hello = new_hello(Role.DATA_LINK, server=7)
+    return connect(
+        listener.address, hello, TOKEN, Role.SPLAT_SERVER, encryption=encryption, patience=patience, report=report
+    )
 
 
 def _let_in(connection: Connection, address: Address) -> None:
