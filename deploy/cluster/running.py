@@ -208,10 +208,11 @@ class RunningCluster:
                 for one, server in zip(orders, started, strict=True)
             ]
             with remembering:  # on this thread, which Ctrl-C does not interrupt
-                known.update((one.started.name, one) for one in found)
+                more = known | {one.started.name: one for one in found}
                 self._remember(
-                    msgspec.structs.replace(state, servers=tuple(known.values())), {one.order.name for one in orders}
+                    msgspec.structs.replace(state, servers=tuple(more.values())), {one.order.name for one in orders}
                 )
+                known.update(more)
 
         results = _on_all(sorted({one.machine for one in wanted if one.name in due}), start)
         return [result.reason for result in results.values() if isinstance(result, Failed)]

@@ -29,6 +29,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_calls, cluster_watch
+from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
@@ -314,6 +315,25 @@ def test_a_disk_that_is_full_is_told_and_leaves_no_server(person: Person, small_
     fill(small_disk)
     told = person.runs("deploy", "up", str(path))
     assert told.returncode == 2 and "No space left on device" in told.stderr and told.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("at_last", [True, False])
+def test_servers_that_cannot_be_remembered_are_none_to_draw_with(
+    person: Person, monkeypatch: pytest.MonkeyPatch, at_last: bool
+) -> None:
+    """Whether it fails once a machine's servers are there, or those of all."""
+    path = cluster_file(person.folder, "unsaved", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
+    save = StateFolder.save
+
+    def failing(folder: StateFolder, state: ClusterState) -> None:
+        if state.servers and (threading.current_thread() is threading.main_thread()) == at_last:
+            raise BadInput("the state cannot be written")
+        save(folder, state)
+
+    monkeypatch.setattr(StateFolder, "save", failing)
+    with pytest.raises(BadInput, match="the state cannot be written"):
+        ClusterServers(path, print, print)
+    assert not servers_of(person)
 
 
 def test_ctrl_c_as_soon_as_servers_are_there_leaves_none(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
