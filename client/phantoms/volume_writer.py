@@ -56,12 +56,14 @@ SHEAR_TOLERANCE = 1e-5  # of the cosine between two grid axes
 def written_at(path: Path) -> Path:
     """Where the volume goes: to `path`, or where that leads as a link.
 
+    A header with voxels beside it takes the link's place: by the link's name its voxels would be looked for there.
     Raises BadInput if it has no extension of a volume or cannot be written. Leaves nothing behind.
     """
     extension, asked = extension_of(path), path
-    path = behind_links(asked)
-    if extension_of(path) != extension:
-        raise BadInput(f"{asked}: leads to {path}, which is of another format; give both the same extension")
+    if extension not in HEADERS:
+        path = behind_links(asked)
+    if _extension_if_any(path) != extension:
+        raise BadInput(f"{asked}: leads to {path}, which is not named {extension}; give both the same extension")
     folder = path.parent
     if not folder.is_dir():
         raise BadInput(f"{path}: there is no folder {folder}; make it first")
@@ -76,7 +78,6 @@ def written_at(path: Path) -> Path:
 
 def check_voxels_apart(path: Path) -> None:
     """Raises BadInput where voxels beside a new header would take the place of a file that is there already."""
-    path = behind_links(path)
     voxels = path.with_suffix(".raw")
     if extension_of(path) in HEADERS and voxels.exists() and not path.exists():
         raise BadInput(f"{path}: its voxels would go into {voxels}, which is there already; choose another name")
@@ -84,18 +85,24 @@ def check_voxels_apart(path: Path) -> None:
 
 def extension_of(path: Path) -> str:
     """The extension that decides the format. Raises BadInput for one that is not written."""
+    if extension := _extension_if_any(path):
+        return extension
+    raise BadInput(f"{path}: volumes are not written in this format; name it one of {', '.join(COMPRESSED)}")
+
+
+def _extension_if_any(path: Path) -> str:
     for extension in sorted(COMPRESSED, key=len, reverse=True):
         if path.name.lower().endswith(extension) and len(path.name) > len(extension):
             return extension
-    raise BadInput(f"{path}: volumes are not written in this format; name it one of {', '.join(COMPRESSED)}")
+    return ""
 
 
 def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
     """Writes `values`, shaped (k, j, i), with their place in space, taken as LPS, to `path`.
 
-    The files appear under their names only when they are complete; a link stays one. TIFF keeps no place in space but
-    the spacing along i and j. Raises BadInput for unknown extensions, for shear or a single slice that the format
-    cannot hold, and if the disk refuses.
+    The files appear under their names only when they are complete; a link stays one, but for a header's. TIFF keeps no
+    place in space but the spacing along i and j. Raises BadInput for unknown extensions, for shear or a single slice
+    that the format cannot hold, and if the disk refuses.
     """
     path = written_at(path)
     extension = extension_of(path)

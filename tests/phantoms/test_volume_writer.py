@@ -5,11 +5,13 @@ import resource
 import stat
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from support.files.small_disks import small_disk
-from volsplat.client.phantoms.volume_writer import write_volume, written_at
+from volsplat.client.phantoms.volume_writer import COMPRESSED, write_volume, written_at
+from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.text.errors import BadInput
 
@@ -92,7 +94,7 @@ def test_whom_an_old_volume_was_hidden_from_does_not_see_the_new_one(tmp_path: P
     assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o600
 
 
-@pytest.mark.parametrize("name", ["v.nrrd", "v.nhdr", "v.mha", "v.nii.gz"])
+@pytest.mark.parametrize("name", ["v.nrrd", "v.mha", "v.nii.gz"])
 def test_a_link_stays_one_and_the_volume_lies_where_it_leads(name: str, tmp_path: Path) -> None:
     stored, plain = tmp_path / "stored", tmp_path / "plain"
     stored.mkdir()
@@ -106,9 +108,22 @@ def test_a_link_stays_one_and_the_volume_lies_where_it_leads(name: str, tmp_path
     }
 
 
-def test_a_link_to_a_file_of_another_format_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "v.nrrd").symlink_to(tmp_path / "v.mha")
-    with pytest.raises(BadInput, match="v.nrrd: leads to .*v.mha, which is of another format"):
+@pytest.mark.parametrize("name", sorted(COMPRESSED))
+@pytest.mark.parametrize("there", [False, True], ids=["dangling", "leading to a file"])
+def test_what_is_written_to_a_link_is_read_by_its_name(name: str, there: bool, tmp_path: Path) -> None:
+    link, stored = tmp_path / f"v{name}", tmp_path / "stored" / f"v{name}"
+    stored.parent.mkdir()
+    if there:
+        write_volume(stored, VALUES[:2], Geometry(dims=(6, 5, 2)))
+    link.symlink_to(stored)
+    write_volume(link, VALUES, GEOMETRY)
+    assert np.array_equal(open_volume(str(link)).read(GEOMETRY.box), VALUES.numpy())
+
+
+@pytest.mark.parametrize("other", ["v.mha", "blob"])
+def test_a_link_to_a_file_of_another_format_is_refused(other: str, tmp_path: Path) -> None:
+    (tmp_path / "v.nrrd").symlink_to(tmp_path / other)
+    with pytest.raises(BadInput, match=f"v.nrrd: leads to .*{other}, which is not named .nrrd"):
         write_volume(tmp_path / "v.nrrd", VALUES, GEOMETRY)
 
 
