@@ -1,6 +1,5 @@
 """The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
 
-import os
 import secrets
 import sys
 import threading
@@ -40,17 +39,15 @@ from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA, TILE_SIDE, tile_m
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import own_resolution
 from volsplat.protocol.rules.refinement import PAPER_STEPS
-from volsplat.protocol.text.errors import NoThread, PeerLost, VolsplatError
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.text.want_of_threads import CURE, NO_THREAD
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
-from volsplat.protocol.wire.shared_memory import sealed_memory
 from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server import data_links, frame_assembly
-from volsplat.splat_server._kernels import BatchTaker, Bell
 from volsplat.splat_server.data_links import DataLinks
 from volsplat.splat_server.frame_assembly import PIXELS_AT_ONCE, FrameAssembly, packets_at_once
 from volsplat.splat_server.invitations import Invitations
@@ -62,7 +59,6 @@ VALUES = shells(SIZE)
 GEOMETRY = Geometry(dims=(SIZE, SIZE, SIZE))
 SCENE = shaded_scene(View(rotation=(0.2, 0.5, 0.1, 0.8), zoom=3.0), (96, 80))
 WORKERS = (11, 12, 13)
-CHANNELS = (1, 2, 1 << 16)  # walkers, blocks, bytes of a block
 KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WORKERS}
 
 
@@ -727,41 +723,6 @@ def test_a_frame_whose_worker_finds_no_thread_is_refused_with_the_cause(
     with first_links_find_no_thread(), bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
         link.receive()
     assert bench.hears(messages.Refused)[0] == messages.Refused("RenderFrame", CURE, frame=1, assignment=1)
-    bench.links[WORKERS[0]].close()
-    bench.link_anew(WORKERS[0])
-    assert bench.draws(2, batches(slabs(0, 8, 16))).complete
-
-
-@contextmanager
-def no_more_takers() -> Iterator[None]:
-    """Kernels are given no further thread meanwhile: its stack would not fit, and all kept for reuse are taken."""
-    takers = list[BatchTaker]()
-    try:
-        with little_memory(64 << 20), pytest.raises(NoThread, match="ulimit -u"):
-            while True:
-                descriptor = sealed_memory(BatchTaker.memory_bytes(*CHANNELS))
-                try:
-                    takers.append(BatchTaker(descriptor, *CHANNELS, news=Bell()))
-                finally:
-                    os.close(descriptor)
-        with little_memory(4 << 20):
-            yield
-    finally:
-        for taker in takers:
-            taker.close()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
-def test_a_frame_whose_worker_s_channels_find_no_thread_is_refused_with_the_cause(bench: Bench) -> None:
-    bench.renders(1)
-    bench.control.send(messages.ReadProgress(frame=1))
-    bench.hears(messages.FrameProgress)  # it has begun
-    descriptor = sealed_memory(BatchTaker.memory_bytes(*CHANNELS))
-    with no_more_takers():
-        bench.links[WORKERS[0]].send(messages.ChannelsShared(*CHANNELS), descriptor=descriptor)
-        refused = bench.hears(messages.Refused)[0]
-    assert isinstance(refused, messages.Refused) and refused.frame == 1 and "ulimit -u" in refused.cause
-    os.close(descriptor)
     bench.links[WORKERS[0]].close()
     bench.link_anew(WORKERS[0])
     assert bench.draws(2, batches(slabs(0, 8, 16))).complete
