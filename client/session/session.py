@@ -134,18 +134,18 @@ class Session:
             check_written_apart(name, records=[Path(trace)])
         memory = None if memory is None else checked_bytes(memory, "memory")
         self._servers = asked_servers(
-            workers,
-            splat_servers,
-            threads,
-            listen,
-            spawn,
-            token,
-            silence,
-            tls,
-            cluster,
-            data_root,
-            on_progress,
-            on_loss,
+            workers=workers,
+            splat_servers=splat_servers,
+            threads=threads,
+            listen=listen,
+            spawn=spawn,
+            token=token,
+            silence=silence,
+            tls=tls,
+            cluster=cluster,
+            data_root=data_root,
+            report=on_progress,
+            tell_missing=on_loss,
         )
         self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._coordination = Coordination(self._tracer, on_progress, on_loss)

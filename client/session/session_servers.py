@@ -119,6 +119,7 @@ class JoiningServers:
 
 
 def asked_servers(
+    *,
     workers: int | None,
     splat_servers: int | None,
     threads: int | None,
