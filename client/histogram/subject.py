@@ -24,7 +24,6 @@ from volsplat.protocol.rules.index_rules import Survey
 FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 SLAB = 0.25  # of the next longer side: what is no thicker is a slab
-MOST_LABELS = 32  # whole numbers up to here, each one a thing of its own
 HOUNSFIELD = "HU"
 
 
@@ -49,12 +48,6 @@ class Subject:
     def values(self) -> ValueCounts:
         """All values; where only bytes are known, as those have them."""
         return self.fine or ValueCounts(*self.histogram.window, self.histogram.counts)
-
-    @property
-    def looks_like_labels(self) -> bool:
-        """Few whole numbers from 0 up, of a kind that nobody states."""
-        low, high = self.values.low, self.values.high
-        return self.kind is Kind.UNKNOWN and self.whole_numbers and 0 <= low < high <= MOST_LABELS
 
     @cached_property
     def ct(self) -> CtScale | None:

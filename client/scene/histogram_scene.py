@@ -6,6 +6,7 @@ from volsplat.client.histogram.density_histogram import LAST, CtScale, DensityHi
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, opacities, scalars
+from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Shading, Tables
 
 LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays if it can
@@ -16,6 +17,7 @@ RIM = 0.2  # opacity of the weakest sample that is seen
 RISE = 0.2  # of the seen range: where SURFACE is reached, so that a surface is no staircase
 DENSE_SHARE = 0.01  # of the seen voxels: the colours end where no more are denser
 SKIN_HU = -300.0  # where the skin of a CT begins
+MOST_LABELS = 32  # whole numbers up to here, each one a thing of its own
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def histogram_scene(subject: Subject) -> Scene:
 def shows_labels(subject: Subject) -> bool:
     """Whether `histogram_scene` gives each whole number a colour of its own: one fills much of the volume."""
     histogram = subject.histogram
-    return subject.looks_like_labels and _ct_of_a_body(subject) is None and _well_seen(_unusual(histogram), histogram)
+    return _are_labels(subject) and _ct_of_a_body(subject) is None and _well_seen(_unusual(histogram), histogram)
 
 
 def _ct_of_a_body(subject: Subject) -> CtScale | None:
@@ -168,6 +170,12 @@ def _tint(seen: Seen, histogram: DensityHistogram) -> ColourTable:
         above, most = seen.above / LAST, _most(seen, histogram) / LAST
         points += [(above, "#b07858"), (above + (most - above) / 3, "#dca884"), (most, "#f4ead8")]
     return colours(*points)
+
+
+def _are_labels(subject: Subject) -> bool:
+    """Few whole numbers from 0 up, of a kind that nobody states."""
+    low, high = subject.values.low, subject.values.high
+    return subject.kind is Kind.UNKNOWN and subject.whole_numbers and 0 <= low < high <= MOST_LABELS
 
 
 def _label_tint(subject: Subject) -> ColourTable:
