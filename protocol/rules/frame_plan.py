@@ -31,7 +31,14 @@ from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order, screen_rotation
 from volsplat.protocol.rules.rounding import DOWN, TO_NEAREST, Thresholds, thresholds_of
 from volsplat.protocol.rules.slab_shape import SlabShape, slab_shape
-from volsplat.protocol.rules.traversal import AxisVisits, Traversal, mean_stride, traversal_of, visits_of
+from volsplat.protocol.rules.traversal import (
+    EVERY_LAYER_ALIKE,
+    AxisVisits,
+    Traversal,
+    mean_stride,
+    traversal_of,
+    visits_of,
+)
 from volsplat.protocol.rules.volume_edges import MOST_EDGES, Edge, volume_edges
 
 CELLS_IN_A_SHEET = 3  # that a ray passes through, each for as much of its path
@@ -194,10 +201,8 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, drawn: Resolution, gr
     if STEP_RULES[step].slabs:
         return _planned_slabs(scene, geometry, step, grid, bounds)
     order = resolved_order(scene, geometry)
-    if STEP_RULES[step].footprint:
-        traversal = traversal_of(grid.ray_to_viewer(), order, layer_distances(drawn.geometry))
-    else:
-        traversal = traversal_of(grid.ray_to_viewer(), order)
+    distances = layer_distances(drawn.geometry) if STEP_RULES[step].footprint else EVERY_LAYER_ALIKE
+    traversal = traversal_of(grid.ray_to_viewer(), order, distances)
     strides = traversal.on_axes(drawn.strides)
     i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], strides[axis]) for axis in range(3))
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
