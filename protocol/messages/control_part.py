@@ -5,8 +5,9 @@ from typing import Union
 
 import msgspec
 
+from volsplat.protocol.messages.greetings import GREETINGS
 from volsplat.protocol.messages.message import Message
-from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
+from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.text.printable import printable
 

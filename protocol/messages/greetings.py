@@ -23,46 +23,38 @@ class Greeting(Message, frozen=True):
     """Base of the handshake's messages."""
 
 
-class Hello(Greeting, frozen=True):
+class Introduction(Greeting, frozen=True):
+    """Base of what each side says of itself first."""
+
+    role: Role
+    oldest: Version
+    newest: Version
+    nonce: Nonce
+
+    def __post_init__(self) -> None:
+        if self.oldest > self.newest:
+            raise ValueError(f"oldest must not be above newest, but they are {self.oldest} and {self.newest}")
+
+    @property
+    def versions(self) -> VersionRange:
+        return VersionRange(self.oldest, self.newest)
+
+
+class Hello(Introduction, frozen=True):
     """Dialler to accepter: who I am and which versions I speak.
 
     `server` is the id that the client gave (data links), or 0. A splat server tells where it takes data links;
     an empty `data_host` means the address that it dials from. `name` is for messages to people.
     """
 
-    role: Role
-    oldest: Version
-    newest: Version
-    nonce: Nonce
     server: IdOrNone = 0
     data_host: Annotated[str, Meta(max_length=255)] = ""
     data_port: Annotated[int, Meta(ge=0, le=65535)] = 0
     name: Annotated[str, Meta(max_length=255)] = ""
 
-    def __post_init__(self) -> None:
-        if self.oldest > self.newest:
-            raise ValueError(f"oldest must not be above newest, but they are {self.oldest} and {self.newest}")
 
-    @property
-    def versions(self) -> VersionRange:
-        return VersionRange(self.oldest, self.newest)
-
-
-class Challenge(Greeting, frozen=True):
+class Challenge(Introduction, frozen=True):
     """Accepter to dialler: who I am, which versions I speak, and the nonce to prove yourself with."""
-
-    role: Role
-    oldest: Version
-    newest: Version
-    nonce: Nonce
-
-    def __post_init__(self) -> None:
-        if self.oldest > self.newest:
-            raise ValueError(f"oldest must not be above newest, but they are {self.oldest} and {self.newest}")
-
-    @property
-    def versions(self) -> VersionRange:
-        return VersionRange(self.oldest, self.newest)
 
 
 class Proof(Greeting, frozen=True):
@@ -78,10 +70,15 @@ class Welcome(Greeting, frozen=True):
     proof: ProofBytes
 
 
-class Rejected(Greeting, frozen=True):
+class Rejected(Greeting, frozen=True, omit_defaults=True):
     """Either way: no, for the cause given in one line. The connection is closed after it.
 
-    A dialler says it once it knows whom it has reached: a server that waits for clients may serve another one.
+    A dialler says it once it knows whom it has reached: a server that waits for clients may serve another one. An
+    accepter says whether the cause is `passing`, as want of a thread is: then the dialler may try again.
     """
 
     cause: Line
+    passing: bool = False
+
+
+GREETINGS = (Hello, Challenge, Proof, Welcome, Rejected)

@@ -1,4 +1,4 @@
-"""All messages that there are, found by their types."""
+"""All messages of an open connection, found by their types."""
 
 from volsplat.protocol.messages import (
     folder_messages,
@@ -12,12 +12,10 @@ from volsplat.protocol.messages import (
     value_messages,
     volume_messages,
 )
-from volsplat.protocol.messages.greetings import Greeting
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
 
-GREETINGS = tuple(Greeting.__subclasses__())  # the handshake's
-MESSAGES = tuple(  # of an open connection
+MESSAGES = tuple(
     kind
     for module in (
         volume_messages,

@@ -4,10 +4,5 @@ NO_THREAD = "can't start new thread"
 CURE = f"not enough memory or processes ({NO_THREAD}); end some, or raise the limits (`ulimit -u`, `ulimit -v`)"
 
 
-def tells_want_of_threads(cause: str) -> bool:
-    """Whether another process's cause, in its own words, is that it has found no thread."""
-    return NO_THREAD in cause
-
-
 def is_want_of_threads(error: BaseException) -> bool:
     return isinstance(error, RuntimeError) and str(error).strip().partition("\n")[0] == NO_THREAD

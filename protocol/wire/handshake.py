@@ -24,7 +24,6 @@ from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, TurnedAway
 from volsplat.protocol.text.printable import printable
-from volsplat.protocol.text.want_of_threads import tells_want_of_threads
 from volsplat.protocol.wire.tokens import Token
 
 
@@ -145,7 +144,7 @@ class DiallerHandshake(Handshake):
         """The message to send next, if any.
 
         Raises BadInput for what a person can cure (another version, token or kind of server, a rejection), TurnedAway
-        where the other side finds no thread, which may pass, or RemoteProtocolError.
+        for a rejection that may pass, or RemoteProtocolError.
         """
         state = self._next(Does.RECEIVES, type(message))
         match message:
@@ -158,7 +157,7 @@ class DiallerHandshake(Handshake):
             case Rejected():
                 self.state = state
                 told = f"it rejected this side: {printable(message.cause)}"
-                raise (TurnedAway if tells_want_of_threads(message.cause) else BadInput)(told)
+                raise (TurnedAway if message.passing else BadInput)(told)
         return None
 
     def _challenged(self, challenge: Challenge) -> Proof | Rejected:
@@ -196,13 +195,12 @@ class AccepterHandshake(Handshake):
         token: Token,
         role: Role,
         versions: VersionRange = SPOKEN,
-        nonce: bytes | None = None,
         token_of: Callable[[Hello], Token] | None = None,
     ) -> None:
         """`token_of` gives the token that this peer must know instead; it may raise TooEarly."""
         super().__init__(Side.ACCEPTER, token)
         self._token_of = token_of
-        self.challenge = Challenge(role, versions.oldest, versions.newest, nonce or secrets.token_bytes(NONCE_BYTES))
+        self.challenge = Challenge(role, versions.oldest, versions.newest, secrets.token_bytes(NONCE_BYTES))
         self.hello: Hello | None = None
         self.version = 0  # agreed on, from CHALLENGE_SENT on
         self.rejection = ""  # why the peer was rejected, in our words
@@ -276,10 +274,9 @@ def new_hello(
     data_port: int = 0,
     name: str = "",
     versions: VersionRange = SPOKEN,
-    nonce: bytes | None = None,
 ) -> Hello:
     """A hello with a fresh nonce."""
-    nonce = nonce or secrets.token_bytes(NONCE_BYTES)
+    nonce = secrets.token_bytes(NONCE_BYTES)
     return Hello(role, versions.oldest, versions.newest, nonce, server, data_host, data_port, name[:255])
 
 

@@ -154,7 +154,7 @@ class Port:
         connection.limit(min(self._handshake_seconds, REFUSAL_SECONDS))
         try:
             self._secure(connection)
-            connection.send(Rejected(cause))
+            connection.send(Rejected(cause, passing=True))
         except VolsplatError as error:
             log.debug("%s was not told: %s", connection, error)
         except MemoryError:

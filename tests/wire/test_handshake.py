@@ -15,7 +15,7 @@ from volsplat.protocol.messages.greetings import Challenge, Hello, Proof, Reject
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.versions import VersionRange
-from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, TooEarly
+from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, TooEarly, TurnedAway
 from volsplat.protocol.wire.framing import encode
 from volsplat.protocol.wire.handshake import (
     BEGIN,
@@ -211,6 +211,14 @@ def test_a_rejection_cannot_steer_the_terminal() -> None:
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize(("passing", "error"), [(False, BadInput), (True, TurnedAway)])
+def test_a_rejection_says_whether_another_try_may_help(passing: bool, error: type[Exception]) -> None:
+    dialler, _ = pair()
+    dialler.start()
+    with pytest.raises(error, match="no room"):
+        dialler.receive(Rejected("no room", passing))
+
+
 def at(side: Side, state: State) -> DiallerHandshake | AccepterHandshake:
     """A handshake that has been brought to `state` by lawful events."""
     dialler, accepter = pair()
@@ -271,7 +279,7 @@ def test_what_one_side_sends_the_other_receives() -> None:
     assert spoken(Side.DIALLER, Does.SENDS) == spoken(Side.ACCEPTER, Does.RECEIVES)
     assert spoken(Side.ACCEPTER, Does.SENDS) == spoken(Side.DIALLER, Does.RECEIVES)
     everything = spoken(Side.DIALLER, Does.SENDS) | spoken(Side.ACCEPTER, Does.SENDS)
-    assert everything == set(greetings.Greeting.__subclasses__())
+    assert everything == set(greetings.GREETINGS)
 
 
 def test_the_page_shows_the_tables_as_they_are() -> None:

@@ -14,7 +14,7 @@ from volsplat.protocol.messages.control_part import decode_control, encode_contr
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import DATA_LINK_TO_SPLAT, Way
 from volsplat.protocol.messages.versions import SPOKEN
-from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
+from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.wire.framing import Decoder
 
@@ -22,14 +22,14 @@ kinds = pytest.mark.parametrize("kind", SAMPLES, ids=lambda kind: kind.__name__)
 
 
 def test_every_message_has_a_sample_and_a_strategy() -> None:
-    assert set(SAMPLES) == set(STRATEGIES) == {*GREETINGS, *MESSAGES}
+    assert set(SAMPLES) == set(STRATEGIES) == {*greetings.GREETINGS, *MESSAGES}
 
 
 @kinds
 def test_a_docstring_begins_with_who_sends_it_to_whom(kind: type[Message]) -> None:
     if kind is greetings.Rejected or kind.of_connection:
         begin = "Either way"
-    elif kind in GREETINGS:
+    elif kind in greetings.GREETINGS:
         begin = "Dialler to accepter" if issubclass(kind, greetings.Hello | greetings.Proof) else "Accepter to dialler"
     else:
         begin = _said_together(kind.ways)

@@ -24,7 +24,7 @@ from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.messages.versions import SPOKEN
-from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
+from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
@@ -88,7 +88,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (greetings.Challenge(Role.CLIENT, 1, 1, bytes(range(32, 64))), b""),
         (greetings.Proof(bytes(range(64, 96))), b""),
         (greetings.Welcome(3, bytes(range(96, 128))), b""),
-        (greetings.Rejected("another token"), b""),
+        (greetings.Rejected("no thread", passing=True), b""),
         (messages.DescribeVolume("/data/head.nrrd"), b""),
         (messages.VolumeDescribed(DESCRIPTION, None, IDENTITY), b""),
         (messages.ReadSubCubes(1, "/data/head.nrrd", BOXES, IDENTITY), b""),
@@ -177,7 +177,7 @@ def speech_for(kind: type[Message]) -> Speech:
 def lawful_kinds(way: Way | None) -> list[type[Message]]:
     """What may be said on that way; None is the handshake."""
     if way is None:
-        return list(GREETINGS)
+        return list(greetings.GREETINGS)
     return [kind for kind in MESSAGES if way in kind.ways]
 
 
@@ -316,7 +316,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     greetings.Challenge: _greeting(greetings.Challenge),
     greetings.Proof: st.builds(greetings.Proof, blobs),
     greetings.Welcome: st.builds(greetings.Welcome, ids, blobs),
-    greetings.Rejected: st.builds(greetings.Rejected, lines),
+    greetings.Rejected: st.builds(greetings.Rejected, lines, st.booleans()),
     messages.DescribeVolume: st.builds(messages.DescribeVolume, paths),
     messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions, st.none() | _prepared, identities),
     messages.ReadSubCubes: st.builds(

@@ -8,7 +8,8 @@ from typing import Any
 from msgspec import NODEFAULT, inspect
 
 from volsplat.protocol.description.scene import Scene
-from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
+from volsplat.protocol.messages.greetings import GREETINGS
+from volsplat.protocol.messages.vocabulary import MESSAGES
 
 
 def schema_hash() -> str:
