@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.arrays import raw_voxels
 from volsplat.mapshade_server.readers.medicine import dicom_series, picture_folder, tiff_folder
-from volsplat.mapshade_server.readers.open_volume import DICOM, RAW, VolumeFormat, format_of, head_of
+from volsplat.mapshade_server.readers.open_volume import format_of, head_of
 from volsplat.mapshade_server.readers.part_listing import parts_of
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeFormat
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
 from volsplat.protocol.description.volume_name import VolumeName, volume_name
 from volsplat.protocol.messages.folder_messages import (
@@ -24,7 +25,7 @@ from volsplat.protocol.text.errors import BadInput
 
 FILES_KEPT, FOLDERS_KEPT = 1 << 16, 4  # that were looked at: who types a name asks for a folder with each letter
 
-SLICES = (("TIFF slices", tiff_folder.recognises_folder), ("pictures", picture_folder.recognises_folder))
+SLICES = (tiff_folder.FOLDER_FORMAT, picture_folder.FOLDER_FORMAT)
 
 
 class _State(NamedTuple):
@@ -98,7 +99,7 @@ def _entries(root: Path, folder: Path, exactly: str) -> tuple[list[FolderEntry],
             continue
         if found is None:
             continue
-        if found is DICOM:
+        if found in dicom_series.FORMATS:
             images.append(state)
         elif words in path.name.casefold():
             if len(volumes) < room or path.name == exactly:
@@ -149,7 +150,7 @@ def _state(path: Path) -> _State:
 def _format(state: _State) -> VolumeFormat | None:
     """Of a file that can be opened as it is, None for any other. Raises OSError."""
     found = _format_by_head(state)
-    undescribed = found is RAW and not raw_voxels.describes(state.path, "")
+    undescribed = found in raw_voxels.FORMATS and not raw_voxels.describes(state.path, "")
     return None if undescribed else found
 
 
@@ -173,9 +174,9 @@ def _file(state: _State, found: VolumeFormat) -> FolderEntry:
 
 def _slices(folder: Path) -> Iterator[FolderEntry]:
     """The folder itself, if its files are the slices of a volume."""
-    for kind, recognises in SLICES:
-        if recognises(folder):
-            yield FolderEntry("", "", kind, 0, is_folder=False, is_volume=True)
+    for one in SLICES:
+        if one.recognises(folder):
+            yield FolderEntry("", "", one.name, 0, is_folder=False, is_volume=True)
 
 
 @lru_cache(FOLDERS_KEPT)

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from volsplat.client.image.written_apart import check_written_apart
-from volsplat.mapshade_server.readers.open_volume import FOLDER_FORMATS
+from volsplat.mapshade_server.readers.open_volume import folder_formats
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -66,7 +66,7 @@ def test_no_image_changes_what_volume_a_folder_is(
 
 def format_of(folder: Path) -> str:
     """By which the map/shade server would open it."""
-    return next(one.name for one in FOLDER_FORMATS if one.recognises(folder))
+    return next(one.name for one in folder_formats() if one.recognises(folder))
 
 
 def test_a_part_lets_images_through_only_where_it_says_how_names_begin(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from support.files.refusals import assert_refused_in_one_line
 from support.files.samples import FOLDER_SAMPLES, SAMPLES
 from volsplat.mapshade_server.answers.file_voxels import FileVoxels
 from volsplat.mapshade_server.held.volume_identity import identified_volume
-from volsplat.mapshade_server.readers.open_volume import FOLDER_FORMATS, FORMATS, VolumeFormat, format_of
+from volsplat.mapshade_server.readers.open_volume import file_formats, folder_formats, format_of
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeFormat
 from volsplat.protocol.messages.value_messages import ReadVoxel, VoxelRead
 
 # Of these a part is a volume too, or a file without its end.
@@ -21,11 +22,11 @@ WHOLE_WHEN_CUT = ("DICOM series (a folder)", "PDB or PQR coordinates (.pdb, .pqr
 
 def test_every_format_has_a_sample() -> None:
     """A new line in the table needs one in support/files/samples.py: the tests below are made of it."""
-    assert set(SAMPLES) == {one.name for one in FORMATS}
-    assert set(FOLDER_SAMPLES) == {one.name for one in FOLDER_FORMATS}
+    assert set(SAMPLES) == {one.name for one in file_formats()}
+    assert set(FOLDER_SAMPLES) == {one.name for one in folder_formats()}
 
 
-@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+@pytest.mark.parametrize("one", [*file_formats()], ids=lambda one: one.name)
 def test_a_sample_is_taken_by_its_own_format_and_read(one: VolumeFormat, tmp_path: Path) -> None:
     path = SAMPLES[one.name](tmp_path)
     assert format_of(path, path.read_bytes()) is one
@@ -47,7 +48,7 @@ def test_a_format_may_begin_after_comments_and_blank_lines() -> None:
 @pytest.mark.parametrize("name", FOLDER_SAMPLES)
 def test_a_folder_is_taken_by_its_own_format_and_read(name: str, tmp_path: Path) -> None:
     path = FOLDER_SAMPLES[name](tmp_path)
-    assert next(one.name for one in FOLDER_FORMATS if one.recognises(path)) == name
+    assert next(one.name for one in folder_formats() if one.recognises(path)) == name
     assert_read_whole_and_by_voxels(path)
 
 
@@ -68,7 +69,7 @@ def test_half_a_file_is_refused_in_one_line(name: str, tmp_path: Path, capfd: py
     assert_refused_in_one_line(read_whole, path.with_suffix("") if name.startswith("Analyze") else path, "", capfd)
 
 
-@pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+@pytest.mark.parametrize("one", [*file_formats()], ids=lambda one: one.name)
 def test_the_docs_name_the_format(one: VolumeFormat) -> None:
     tables = [
         line

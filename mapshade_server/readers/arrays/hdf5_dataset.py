@@ -46,7 +46,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, no_room
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, no_room
 from volsplat.mapshade_server.readers.reading.vtk_ghosts import Ghosts, Reader
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -334,3 +334,6 @@ def _nexus_axes(dataset: Any) -> list[str]:
     names = _attributes(dataset.parent).get("axes", [])
     listed = names if isinstance(names, list) else str(names).replace(":", ",").split(",")
     return [str(name) for name in listed][: dataset.ndim]
+
+
+FORMATS = (VolumeFormat("HDF5 dataset (.h5, .nxs)", open_hdf5, recognises),)

@@ -18,7 +18,7 @@ from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, 
 from volsplat.mapshade_server.readers.arrays.hdf5_dataset import NETCDF_FILL
 from volsplat.mapshade_server.readers.arrays.netcdf_header import MAGIC, VERSIONS, Variable, netcdf_variables
 from volsplat.mapshade_server.readers.reading.part_options import listed
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
 from volsplat.protocol.text.errors import BadInput
 
 MINC = "rootvariable"  # a variable that only MINC's files have
@@ -109,3 +109,6 @@ def _record(path: Path, variable: Variable, number: int, selection: tuple[int | 
     if not selection:
         return ArrayFile(path, begin, variable.dtype, (1,), "C").pick((0,))
     return ArrayFile(path, begin, variable.dtype, variable.shape[1:], "C").pick(selection)
+
+
+FORMATS = (VolumeFormat("NetCDF-3 (.nc)", open_netcdf_classic, recognises),)

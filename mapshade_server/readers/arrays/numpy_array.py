@@ -23,7 +23,7 @@ from volsplat.mapshade_server.readers.arrays.array_values import plain_values
 from volsplat.mapshade_server.readers.arrays.array_volume import Pick, array_told, array_volume, choose_one
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import BadInput
 
@@ -34,10 +34,6 @@ MOST_GROWTH = 1032  # of deflated bytes
 NPY = ".npy"
 LENGTH_BYTES = {(1, 0): 2, (2, 0): 4}  # of a header, by its version
 LONGEST_HEADER = 1 << 16
-
-
-def recognises(head: bytes) -> bool:
-    return head.startswith(MAGIC)
 
 
 def recognises_npz(head: bytes) -> bool:
@@ -191,3 +187,9 @@ def _chunk(grid: ArrayGrid, array: ArrayFile) -> Index:
         return grid.chunk(None, read_through)
     _, nj, nk = grid.geometry.dims
     return (1, min(-(-read_through // nk), nj), nk)
+
+
+FORMATS = (
+    VolumeFormat("NumPy array (.npy)", open_npy, lambda head: head.startswith(MAGIC)),
+    VolumeFormat("NumPy arrays (.npz)", open_npz, recognises_npz),
+)

@@ -18,7 +18,12 @@ from volsplat.mapshade_server.readers.reading.headers_beside import header_namin
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import BYTE_ORDERS, Piece, StoredVoxels, unpacked_size
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
-from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import (
+    SCALAR_TYPES,
+    OpenedVolume,
+    VolumeFormat,
+    packed_or_not,
+)
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -119,3 +124,8 @@ def _check_size(voxels: StoredVoxels, size: int, skip: int) -> None:
         f"{voxels.source}: {shown} voxels of {voxels.dtype.name} are {promised} bytes"
         f"{f' after {skip} skipped' if skip else ''}, but the file has {has}; correct dims, type or skip{hint}"
     )
+
+
+FORMATS = (
+    VolumeFormat("raw voxels (.raw)", open_raw_voxels, extensions=packed_or_not(".raw"), gzip=True, parts=False),
+)

@@ -7,15 +7,11 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, VolumeFormat
 from volsplat.protocol.description.shared_array import MARK, PAGE_BYTES, SharedArray, header_bytes, shared_array
 from volsplat.protocol.text.errors import BadInput
 
 CLOSED = "the script has closed this volume in memory; make it anew, as by Volume(array)"
-
-
-def recognises(head: bytes) -> bool:
-    return head.startswith(MARK)
 
 
 def open_shared_array(path: Path, part: str) -> OpenedVolume:
@@ -40,3 +36,6 @@ def _told(path: Path) -> SharedArray:
     except (ValueError, msgspec.DecodeError) as error:
         raise BadInput(f"{path}: is no array that volsplat shares: {' '.join(str(error).split())}") from None
     return told
+
+
+FORMATS = (VolumeFormat("array in memory", open_shared_array, lambda head: head.startswith(MARK), parts=False),)

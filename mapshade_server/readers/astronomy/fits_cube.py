@@ -25,7 +25,7 @@ from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import index_in, part_options
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, VolumeFormat, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -34,10 +34,6 @@ STORED_TYPES = {8: ">u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8
 MOST_AXES = 9
 AXIS_OPTIONS = tuple(f"axis{n + 1}" for n in range(MOST_AXES))
 COMPONENTS = ("STOKES", "COMPLEX", "RGB")  # what an axis may count that is neither space nor spectrum
-
-
-def recognises(head: bytes) -> bool:
-    return head.startswith(b"SIMPLE  =")
 
 
 def open_fits_cube(path: Path, part: str) -> OpenedVolume:
@@ -246,3 +242,8 @@ def _check_tiles(path: Path, number: int, hdu: Any) -> None:
         )
     if place["datLoc"] + place["datSpan"] > path.stat().st_size and not is_gzip(path):
         raise BadInput(f"{path}: is truncated, it ends before its tiles do; fetch or export the file again")
+
+
+FORMATS = (
+    VolumeFormat("FITS cube (.fits, .fits.gz)", open_fits_cube, lambda head: head.startswith(b"SIMPLE  ="), gzip=True),
+)

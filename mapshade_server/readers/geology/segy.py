@@ -24,7 +24,7 @@ from volsplat.mapshade_server.readers.geology.survey_geometry import DEFAULT_VEL
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.part_options import part_options
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, GridAxis, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -243,3 +243,6 @@ def _interval(path: Path, file: Any) -> tuple[float, list[str]]:
     if stated and of_trace and stated != of_trace:
         notes.append(f"the binary header's sample interval of {stated} µs is used, the first trace says {of_trace} µs")
     return (stated or of_trace) / 1000, notes
+
+
+FORMATS = (VolumeFormat("SEG-Y survey (.sgy, .segy)", open_segy, extensions=(".sgy", ".segy"), parts=False),)

@@ -9,7 +9,7 @@ from volsplat.mapshade_server.readers.medicine import nifti
 from volsplat.mapshade_server.readers.medicine.nifti_header import HEADER_BYTES, NiftiHeader
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -60,3 +60,9 @@ def _text(raw: bytes) -> str:
     """The text before the first NUL, "" if it is no plain text."""
     text = raw.partition(b"\0")[0].decode("latin-1").strip()
     return text if text.isascii() and text.isprintable() else ""
+
+
+FORMATS = (
+    VolumeFormat("Analyze 7.5 (.hdr, .img)", open_analyze, recognises, gzip=True, parts=False),
+    VolumeFormat("Analyze or NIfTI voxels (.img)", open_image, extensions=(".img",), gzip=True, parts=False),
+)

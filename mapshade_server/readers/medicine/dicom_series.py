@@ -12,24 +12,16 @@ from pathlib import Path
 from typing import NoReturn
 
 from volsplat.mapshade_server.readers.medicine import dicom_stack
-from volsplat.mapshade_server.readers.medicine.dicom_file import (
-    DicomFile,
-    Frame,
-    dicom_file,
-    recognises,
-    recognises_old,
-)
+from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Frame, dicom_file, recognises
 from volsplat.mapshade_server.readers.medicine.dicom_folder import image_if_readable, images_of, series_of
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.medicine.dicom_values import scalar_type_of
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, part_options
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import FolderFormat, OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
-
-__all__ = ["open_dicom_file", "open_folder", "recognises", "recognises_old"]
 
 MOST_TOLD = 5000  # files that are looked at to tell which series there are
 ONE_SLICE = "slice"  # the part of a name that means a single slice alone
@@ -267,3 +259,7 @@ def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -
         told = dicom_stack.told(dicom_stack.choices(volumes))
         raise BadInput(f"{source}: the series holds {len(volumes)} volumes, {told}; choose, as in {source}#{example}")
     return next(iter(volumes.items()))
+
+
+FORMATS = (VolumeFormat("DICOM series (a folder)", open_dicom_file, recognises, parts=False),)
+FOLDER_FORMAT = FolderFormat("DICOM series", open_folder, lambda folder: True)

@@ -19,7 +19,7 @@ from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.text.errors import BadInput
@@ -190,3 +190,6 @@ def _data_files(path: Path, fields: dict[str, str], slices: int) -> list[str]:
         except ValueError:
             raise _wrong(path, fields, "ElementDataFile") from None
     return [value]
+
+
+FORMATS = (VolumeFormat("MetaImage (.mha, .mhd)", open_metaimage, recognises),)

@@ -13,7 +13,7 @@ from volsplat.mapshade_server.readers.reading.grids import checked_geometry, ref
 from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -61,3 +61,6 @@ def _geometry(path: Path, dims: Index, raw: bytes) -> Geometry:
     to_lps = np.diag([-1.0, -1.0, 1.0])
     matrix = to_lps @ (directions.reshape(3, 3).T * steps)
     return checked_geometry(path, dims, matrix, to_lps @ middle - matrix @ (np.array(dims) / 2))
+
+
+FORMATS = (VolumeFormat("FreeSurfer (.mgh, .mgz)", open_mgh, extensions=(".mgh", ".mgz", ".mgh.gz"), gzip=True),)

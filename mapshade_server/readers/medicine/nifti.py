@@ -12,7 +12,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.medicine.modality import kind_beside
 from volsplat.mapshade_server.readers.medicine.nifti_header import NiftiHeader, nifti_header
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, geometry
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -138,3 +138,6 @@ def _spacing(header: NiftiHeader) -> Vector:
 
 def _lps(ras: Matrix) -> Matrix:
     return (matrices.scaled(ras[0], -1.0), matrices.scaled(ras[1], -1.0), ras[2])
+
+
+FORMATS = (VolumeFormat("NIfTI (.nii, .nii.gz)", open_nifti, recognises, gzip=True),)

@@ -27,7 +27,7 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import (
     unpacked_size,
 )
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
 
 _SCALAR_TYPES = {
@@ -57,10 +57,6 @@ LARGEST_FILE = 1 << 62  # bytes
 AT_END = -1  # bytes to skip: the voxels are the last of the file
 SPATIAL_KINDS = ("domain", "space")
 FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which there are volumes, not components
-
-
-def recognises(head: bytes) -> bool:
-    return head.startswith(b"NRRD000")
 
 
 @dataclass(frozen=True)
@@ -243,3 +239,6 @@ def _after_lines(path: Path, offset: int, lines: int) -> int:
         while lines and (line := file.readline(LONGEST_LINE)):  # or a part of one
             lines -= line.endswith(b"\n")
         return file.tell()
+
+
+FORMATS = (VolumeFormat("NRRD (.nrrd, .nhdr)", open_nrrd, lambda head: head.startswith(b"NRRD000")),)

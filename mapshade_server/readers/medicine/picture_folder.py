@@ -18,7 +18,7 @@ from volsplat.mapshade_server.readers.medicine.slice_files import slices_in
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, FolderFormat, OpenedVolume, Voxels
 from volsplat.protocol.description.slice_folders import PICTURES, slice_kind, visible_files
 from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -40,10 +40,6 @@ class _Picture:
     height: int
     channels: tuple[str, ...]
     dtype: str
-
-
-def recognises_folder(folder: Path) -> bool:
-    return slice_kind(visible_files(folder)) == PICTURES
 
 
 def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
@@ -181,3 +177,8 @@ def _are_grey(rows: Voxels, picture: _Picture) -> bool:
     """Whether all colours of all pixels are equal, as in grey pictures that a program stored as colour."""
     colours = [n for n, name in enumerate(picture.channels) if name != ALPHA]
     return all(bool((rows[:, :, n] == rows[:, :, colours[0]]).all()) for n in colours[1:])
+
+
+FOLDER_FORMAT = FolderFormat(
+    "pictures", open_picture_folder, lambda folder: slice_kind(visible_files(folder)) == PICTURES
+)

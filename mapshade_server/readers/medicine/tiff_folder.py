@@ -8,7 +8,7 @@ from volsplat.mapshade_server.readers.medicine.slice_files import slices_in
 from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage, check_kind
 from volsplat.mapshade_server.readers.medicine.tiff_place import stated_place
 from volsplat.mapshade_server.readers.medicine.tiff_stack import Chosen, opened_tiff, stack_of
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import FolderFormat, OpenedVolume
 from volsplat.protocol.description.slice_folders import TIFFS, slice_kind, visible_files
 from volsplat.protocol.text.errors import BadInput
 
@@ -53,3 +53,6 @@ def _check_alike(folder: Path, pages: Sequence[TiffPage]) -> None:
                 f"{folder}: {page.path.name} differs from {pages[0].path.name} in size or type; put one stack alone "
                 "into a folder"
             )
+
+
+FOLDER_FORMAT = FolderFormat("TIFF slices", open_tiff_folder, recognises_folder)

@@ -27,7 +27,13 @@ from volsplat.mapshade_server.readers.reading.part_options import PartOptions, i
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels, voxel_room
+from volsplat.mapshade_server.readers.reading.volume_reader import (
+    SCALAR_TYPES,
+    OpenedVolume,
+    VolumeFormat,
+    Voxels,
+    voxel_room,
+)
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -37,10 +43,6 @@ COUNTED_FROM_WHITE = "its photometric counts from white: values are as they are 
 MOST_COLOURS = 4  # more channels that nobody states, where there are no slices, are no colours
 IMAGEJ_COLOURS = ("color", "composite")  # how ImageJ shows what it knows as channels
 WHAT_ALONG = {"C": "channels", "T": "times", "Z": "slices"}
-
-
-def recognises(head: bytes) -> bool:
-    return head[:4] in MAGICS
 
 
 def open_tiff_stack(path: Path, part: str) -> OpenedVolume:
@@ -286,3 +288,6 @@ def _raw(path: Path, dims: Index, pages: Sequence[TiffPage]) -> StoredVoxels | N
         return None
     packing = pages[0].packing
     return StoredVoxels(path, dims, packing.dtype.newbyteorder(packing.parent.byteorder), tuple(pieces))
+
+
+FORMATS = (VolumeFormat("TIFF stack (.tif, .ome.tif)", open_tiff_stack, lambda head: head[:4] in MAGICS),)

@@ -31,7 +31,7 @@ from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.gzip_files import unzipped_text
 from volsplat.mapshade_server.readers.reading.part_options import part_options
 from volsplat.mapshade_server.readers.reading.parts import Part
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, packed_or_not
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -54,10 +54,6 @@ _COORDINATES = r"(?: {0,23}-?[0-9]{1,23}\.[0-9]{0,23}){3}"  # within 24 columns:
 _BROKEN_ATOM = re.compile(rf"^(?:ATOM  |HETATM)(?!.{{24}}{_COORDINATES})", re.MULTILINE)
 _END = re.compile(r"^END *\r?$", re.MULTILINE)
 _BANDS = tuple(Band(name, max(n * BAND, 1), (n + 1) * BAND - 1) for n, name in enumerate(CLASSES))
-
-
-def recognises(head: bytes) -> bool:
-    return _FIRST_RECORD.match(head) is not None
 
 
 def open_pdb(path: Path, part: str) -> OpenedVolume:
@@ -199,3 +195,14 @@ def _geometry(path: Path, atoms: Atoms, spacing: float) -> Geometry:
             f"give at least {least:g}, as in {path}#density,{least:g}"
         )
     return grid_around(atoms, spacing)
+
+
+FORMATS = (
+    VolumeFormat(
+        "PDB or PQR coordinates (.pdb, .pqr)",
+        open_pdb,
+        lambda head: _FIRST_RECORD.match(head) is not None,
+        packed_or_not(".pdb", ".ent", ".pqr"),
+        gzip=True,
+    ),
+)

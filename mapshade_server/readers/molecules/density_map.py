@@ -19,7 +19,7 @@ from volsplat.mapshade_server.readers.reading.grids import checked_geometry, ref
 from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels, packed_or_not
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -47,10 +47,6 @@ FLATTEST_CELL = 1e-3  # its volume, of that of a right-angled cell
 IMAGE_STACK = 0  # these are space groups
 VOLUME_STACKS = range(401, 631)
 SAME_PLACE = 0.5  # of a step: how far the two statements of the origin may differ
-
-
-def recognises(head: bytes) -> bool:
-    return head[208:211] == b"MAP"
 
 
 @dataclass(frozen=True)
@@ -234,3 +230,14 @@ def _steps(header: _Header, dims: Index, warnings: list[str]) -> tuple[Matrix, s
     to_physical: Matrix = cell.orth.mat.tolist()
     i, j, k = (matrices.scaled(matrices.column(to_physical, axis), 1.0 / intervals[axis]) for axis in axes)
     return (i, j, k), UNIT
+
+
+FORMATS = (
+    VolumeFormat(
+        "CCP4/MRC map (.map, .mrc)",
+        open_density_map,
+        lambda head: head[208:211] == b"MAP",
+        packed_or_not(".mrc", ".mrcs", ".map", ".ccp4"),  # files from before 2000 have no mark
+        gzip=True,
+    ),
+)

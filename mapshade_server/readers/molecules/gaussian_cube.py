@@ -17,7 +17,13 @@ from volsplat.mapshade_server.readers.reading.grids import checked_geometry, ref
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip, unzipped
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.unpacked_stream import MOST_GROWTH, Packing
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, boxes_of
+from volsplat.mapshade_server.readers.reading.volume_reader import (
+    OpenedVolume,
+    VolumeFormat,
+    Voxels,
+    boxes_of,
+    packed_or_not,
+)
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -264,3 +270,8 @@ def _floats(text: bytes) -> Voxels:
 def _with_exponents(text: bytes) -> bytes:
     """Fortran's spellings of exponents, 1.0D-05 and 1.0-100, turned into 1.0E-05 and 1.0E-100."""
     return _BARE_EXPONENT.sub(b"E", text.replace(b"D", b"E").replace(b"d", b"e"))
+
+
+FORMATS = (
+    VolumeFormat("Gaussian cube (.cube)", open_gaussian_cube, extensions=packed_or_not(".cube", ".cub"), gzip=True),
+)

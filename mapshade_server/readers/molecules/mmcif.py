@@ -8,17 +8,13 @@ from volsplat.mapshade_server.readers.molecules import atoms, structure_factors
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.gzip_files import unzipped_text
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, packed_or_not
 from volsplat.protocol.text.errors import BadInput
 
 REFLECTIONS = ("_refln", "_diffrn_refln")
 
 # Possessive, so that thousands of blanks before something else are passed over once.
 _FIRST_BLOCK = re.compile(rb"(?:\s++|#[^\n]*+\n)*+data_\S")
-
-
-def recognises(head: bytes) -> bool:
-    return _FIRST_BLOCK.match(head) is not None
 
 
 def open_mmcif(path: Path, part: str) -> OpenedVolume:
@@ -42,3 +38,14 @@ def _document(path: Path) -> Any:
     text = unzipped_text(path)
     with one_line_errors(path, "mmCIF file"):
         return gemmi.cif.read_string(text)
+
+
+FORMATS = (
+    VolumeFormat(
+        "mmCIF (.cif)",
+        open_mmcif,
+        lambda head: _FIRST_BLOCK.match(head) is not None,
+        packed_or_not(".cif", ".mmcif"),
+        gzip=True,
+    ),
+)

@@ -34,7 +34,7 @@ from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.part_options import part_options
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, boxes_of
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels, boxes_of
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -46,10 +46,6 @@ PHASES = (0.0, 360.0)  # degrees
 FINENESS = 4.0  # grid points in the least distance that the reflections resolve; 2 are needed
 MOST_VOXELS = 1 << 28
 GREATEST_AMPLITUDE = 1e25  # so that sums stay within float32
-
-
-def recognises(head: bytes) -> bool:
-    return head[:4] == b"MTZ "
 
 
 def open_mtz(path: Path, part: str) -> OpenedVolume:
@@ -262,3 +258,6 @@ def _at_indices(dims: Index, indices: Integers, values: Floats) -> Voxels:
     h, k, l = (indices[:, axis] + dims[axis] // 2 for axis in range(3))  # noqa: E741 - its name everywhere
     volume[l, k, h] = values
     return volume
+
+
+FORMATS = (VolumeFormat("MTZ structure factors (.mtz)", open_mtz, lambda head: head.startswith(b"MTZ "), gzip=True),)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -60,6 +61,38 @@ class OpenedVolume:
     @property
     def files(self) -> Sequence[VolumeFile]:
         return self.found_files()
+
+
+Open = Callable[[Path, str], OpenedVolume]  # given the part that is named, "" for none
+
+
+@dataclass(frozen=True)
+class VolumeFormat:
+    """A format of files, one of its reader's FORMATS. `recognises` gets a file's first bytes, unzipped if it is gzip.
+
+    If no format recognises a file, the extension decides among those that have no mark of their own.
+    """
+
+    name: str  # with the usual extensions, as messages call it
+    open: Open
+    recognises: Callable[[bytes], bool] = lambda head: False
+    extensions: tuple[str, ...] = ()
+    gzip: bool = False  # read also if gzip has packed the file as a whole
+    parts: bool = True  # a file may hold several volumes, which its header tells
+
+
+@dataclass(frozen=True)
+class FolderFormat:
+    """A format of folders, its reader's FOLDER_FORMAT; the first that recognises one has it."""
+
+    name: str
+    open: Open
+    recognises: Callable[[Path], bool]
+
+
+def packed_or_not(*extensions: str) -> tuple[str, ...]:
+    """These extensions, and each with that of gzip behind it."""
+    return tuple(name + packed for name in extensions for packed in ("", ".gz"))
 
 
 def boxes_of(whole: Callable[[], Voxels]) -> ReadBox:

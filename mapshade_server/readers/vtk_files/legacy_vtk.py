@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_vectors
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, VolumeFormat
 from volsplat.mapshade_server.readers.vtk_files.legacy_vtk_header import (
     COLOUR_TEXT,
     LegacyArray,
@@ -27,10 +27,6 @@ from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"# vtk datafile version"
-
-
-def recognises(head: bytes) -> bool:
-    return head[: len(MAGIC)].lower() == MAGIC
 
 
 def open_legacy_vtk(path: Path, part: str) -> OpenedVolume:
@@ -78,3 +74,6 @@ def _places(path: Path, header: LegacyHeader, array: LegacyArray) -> NDArray[Any
         refuse_vectors(path, f"coordinates of type {array.stated_type}")
     dims = (array.count, 1, 1)
     return _reader(path, header, array)(dims)(Box((0, 0, 0), dims)).ravel()
+
+
+FORMATS = (VolumeFormat("VTK image or grid (.vtk)", open_legacy_vtk, lambda head: head[: len(MAGIC)].lower() == MAGIC),)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, VolumeFormat
 from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import (
     COMPRESSORS,
     BlockVoxels,
@@ -165,3 +165,6 @@ def _appended_at(path: Path, xml: VtkXml, element: VtkElement) -> int:
     if not offset.isdecimal():
         raise _wrong(path, element.attributes, "offset", "is no place in the appended data")
     return xml.appended_start + int(offset)
+
+
+FORMATS = (VolumeFormat("VTK image or grid (.vti, .vtr)", open_vtk_image, recognises),)

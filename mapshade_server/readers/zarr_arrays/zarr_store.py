@@ -23,7 +23,7 @@ from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, 
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.volume_reader import FolderFormat, OpenedVolume, VolumeFormat
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_place
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Json, level_axes
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import at_most, check_codecs
@@ -194,3 +194,7 @@ def _fill_value(array: Any, attributes: Json) -> dict[str, Any]:
     if fill is None and in_version_2 and array.dtype.kind in "iuf":
         return {"_FillValue": array.fill_value.item()}
     return {}
+
+
+FORMATS = (VolumeFormat("Zarr (.zarr, .zarr.zip)", open_zip, recognises_zip, (".zip", ".ozx")),)
+FOLDER_FORMAT = FolderFormat("Zarr", open_folder, recognises_folder)
