@@ -188,20 +188,13 @@ class HeldVolume:
 
     @takes(messages.LendVolume)
     def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
-        started = time.perf_counter()
         reader = described_volume(request.path, request.identity)
         self._make_room(bytes_to_lend(reader.describe()))
         self._drop()
         loan = lent(self._while_wanted(reader, request.assignment), request.assignment)
         check_still(request.path, reader, reader.describe(), request.identity)
         self._lent = loan
-        answer = messages.VolumeLent(
-            assignment=request.assignment,
-            scalar_types=loan.scalar_types,
-            bytes=loan.nbytes,
-            seconds=time.perf_counter() - started,
-        )
-        return [Answer(answer)]
+        return [Answer(messages.VolumeLent(assignment=request.assignment, scalar_types=loan.scalar_types))]
 
     @takes(messages.ReadPart)
     def _read_part(self, request: messages.ReadPart) -> list[Answer]:
@@ -259,7 +252,7 @@ class HeldVolume:
         for sub_cube in self.sub_cubes(0):
             sub_cube.pack(request.quantisation)
         self._of = replace(self._of, quantisation=request.quantisation)
-        return [self._packed(request.assignment, started, read=0)]
+        return [_packed(request.assignment, started, read=0)]
 
     def _pack_again(self, asked: messages.ReadSubCubes, request: messages.PackVoxels, started: float) -> list[Answer]:
         """What a client before has left is there at once; only the rest is read."""
@@ -278,7 +271,7 @@ class HeldVolume:
             raise
         check_still(asked.path, reader, reader.describe(), asked.identity)
         self._levels, self._of = {0: sub_cubes}, packed
-        return [self._packed(request.assignment, started, read)]
+        return [_packed(request.assignment, started, read)]
 
     @takes(messages.ChangeSubCubes)
     def _change_sub_cubes(self, request: messages.ChangeSubCubes) -> list[Answer]:
@@ -299,7 +292,7 @@ class HeldVolume:
             self._surveyed = None
         self._of = packed
         self._ahead.drop()
-        return [self._packed(request.assignment, started, read)]
+        return [_packed(request.assignment, started, read)]
 
     def reading_ahead(self, request: messages.ReadAhead) -> Callable[[], None]:
         """See PartsAhead.begin."""
@@ -348,7 +341,7 @@ class HeldVolume:
             read += more
         check_still(request.path, store, store.description, request.identity)
         self.assignment = request.assignment
-        return [self._packed(request.assignment, started, read)]
+        return [_packed(request.assignment, started, read)]
 
     def _let_go_except(self, request: messages.OpenPackets) -> dict[int, list[SubCube]]:
         """Hold nothing any more; what reaches into what is wanted is in the answer, by level."""
@@ -375,23 +368,12 @@ class HeldVolume:
         for sub_cube in sub_cubes[1:]:
             survey = survey.joined(sub_cube.survey())
         self.assignment = assignment
-        read = messages.SubCubesRead(
-            assignment=assignment,
-            survey=survey,
-            bytes=sum(sub_cube.source_bytes for sub_cube in sub_cubes),
-            seconds=time.perf_counter() - started,
-        )
-        return Answer(read)
+        seconds = time.perf_counter() - started
+        return Answer(messages.SubCubesRead(assignment=assignment, survey=survey, seconds=seconds))
 
-    def _packed(self, assignment: int, started: float, read: int) -> Answer:
-        voxels = sum(sub_cube.box.voxels for sub_cubes in self._levels.values() for sub_cube in sub_cubes)
-        packed = messages.VoxelsPacked(
-            assignment=assignment,
-            voxels=voxels,
-            read=read,
-            seconds=time.perf_counter() - started,
-        )
-        return Answer(packed)
+
+def _packed(assignment: int, started: float, read: int) -> Answer:
+    return Answer(messages.VoxelsPacked(assignment=assignment, read=read, seconds=time.perf_counter() - started))
 
 
 def _unchanged() -> None:

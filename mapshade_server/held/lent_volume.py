@@ -28,10 +28,6 @@ class LentVolume:
         names: list[Any] = [values.dtype.name for values in self._scalars]
         return names
 
-    @property
-    def nbytes(self) -> int:
-        return sum(values.nbytes for values in self._scalars)
-
     def describe(self) -> VolumeDescription:
         return self._description
 

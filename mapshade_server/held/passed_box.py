@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from volsplat.mapshade_server.held.sheet_reader import SheetReader, Sheets
-from volsplat.mapshade_server.held.sub_cube import Histograms, SubCube
+from volsplat.mapshade_server.held.sheet_reader import SheetReader
+from volsplat.mapshade_server.held.sub_cube import Histograms
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
@@ -14,13 +14,11 @@ class PassedBox:
 
     def __init__(self, reader: SheetReader, box: Box) -> None:
         self.box = box
-        self.source_bytes = 0  # what was read, with what was read twice
-        self.geometry = reader.geometry
         self._reader = reader
 
     def survey(self) -> Survey:
         """Raises BadInput, as SubCube does."""
-        parts = [self._counted(sheets).survey() for sheets in self._reader.sheets(self.box)]
+        parts = [sheets.sub_cube.survey() for sheets in self._reader.sheets(self.box)]
         survey = parts[0]
         for part in parts[1:]:
             survey = survey.joined(part)
@@ -30,12 +28,8 @@ class PassedBox:
         density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
         extremes = BlockExtremes.nothing(self._reader.geometry.dims)
         for sheets in self._reader.sheets(self.box):
-            more = self._counted(sheets).histograms(low, high, max_gradient)
+            more = sheets.sub_cube.histograms(low, high, max_gradient)
             density += np.asarray(more.density)
             strength += np.asarray(more.strength)
             extremes = extremes.joined(more.extremes)
         return Histograms(density.data, strength.data, extremes)
-
-    def _counted(self, sheets: Sheets) -> SubCube:
-        self.source_bytes += sheets.sub_cube.source_bytes
-        return sheets.sub_cube

@@ -33,7 +33,6 @@ class SubCube:
     def __init__(self, geometry: Geometry, box: Box, second_scalar: tuple[float, float] | None = None) -> None:
         self.geometry = geometry
         self.box = box
-        self.source_bytes = 0  # what was read, halo included
         self.mixture: LevelMixture | None = None  # what its voxels stand for, if they are not the volume's own
         self._second_scalar = second_scalar
         self._matrix = [entry for row in physical_gradient(geometry) for entry in row]
@@ -84,7 +83,6 @@ class SubCube:
         low = self.box.low
         self._low = (low[0] - whole.low[0], low[1] - whole.low[1], low[2] - whole.low[2])
         self._source, self._second = source, second
-        self.source_bytes = source.nbytes + (0 if second is None else second.nbytes)
         self._packets = None
 
     def survey(self) -> Survey:

@@ -116,7 +116,6 @@ class SubCubesRead(Message, frozen=True):
 
     assignment: AssignmentId
     survey: Survey
-    bytes: Count
     seconds: Seconds
 
 
@@ -146,8 +145,6 @@ class VolumeLent(Message, frozen=True):
 
     assignment: AssignmentId
     scalar_types: Annotated[list[ScalarType], Meta(min_length=1, max_length=2)]
-    bytes: Count
-    seconds: Seconds
 
 
 @asks(CLIENT_TO_MAPSHADE, VolumeLent)
@@ -250,11 +247,10 @@ class CountHistograms(Message, frozen=True):
 class VoxelsPacked(Message, frozen=True):
     """Map/shade server to client: the voxel packets of the assignment are ready for frames.
 
-    Of its `voxels` so many were `read` since it was asked for; the others were there already.
+    Of their voxels so many were `read` since it was asked for; the others were there already.
     """
 
     assignment: AssignmentId
-    voxels: Count
     read: Count
     seconds: Seconds
 

@@ -180,8 +180,8 @@ def test_another_window_makes_the_servers_read_and_pack_again() -> None:
         (SECOND, messages.ReadSubCubes),
     ]
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
-    coordinator.handle(said(FIRST, messages.SubCubesRead(2, survey, 720, 0.1)))
-    read = coordinator.handle(said(SECOND, messages.SubCubesRead(2, survey, 720, 0.1)))
+    coordinator.handle(said(FIRST, messages.SubCubesRead(2, survey, 0.1)))
+    read = coordinator.handle(said(SECOND, messages.SubCubesRead(2, survey, 0.1)))
     assert (FIRST, messages.PackVoxels) in sent(read)
     (render, *_) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
     assert isinstance(render, messages.RenderFrame) and render.drawing.quantisation.window == (0.0, 9.0)
@@ -472,7 +472,7 @@ def test_answers_of_an_older_assignment_count_for_nothing() -> None:
     coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=True))
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
     for server in (FIRST, SECOND):
-        assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
+        assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 0.1))) == []
     assert coordinator.holding.phase == Phase.READING
 
 
@@ -571,7 +571,7 @@ def test_a_screen_sees_what_is_left_and_then_all_of_it() -> None:
     assert not boxes_told(told)
     assert boxes_told(read_ahead(coordinator, ahead)) == {SECOND: [ALL]}
     assert sent(coordinator.handle(FrameAsked(4, SCENE, Step.F, require_complete=False))) == []
-    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
     whole = finished(coordinator, 4, [SECOND])
     assert whole.outcome is not None and whole.outcome.missing == () and not whole.outcome.healing
@@ -582,7 +582,7 @@ def test_who_wants_the_whole_volume_waits_until_it_is_there_again() -> None:
     ahead = coordinator.handle(ServerLost(FIRST, GONE))
     assert sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))) == []
     assert boxes_told(read_ahead(coordinator, ahead)) == {SECOND: [ALL]}
-    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
@@ -612,10 +612,10 @@ def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> 
     finished(coordinator, 1, [FIRST, SECOND])
     share = {server: sum(box.voxels for box in boxes) for server, boxes in coordinator.holding.boxes.items()}
     for server in share:
-        coordinator.handle(said(server, messages.VoxelsPacked(2, share[server], 1, 0.1)))
+        coordinator.handle(said(server, messages.VoxelsPacked(2, 1, 0.1)))
     lose_first(coordinator)
     for server in (SECOND, LATE.server):
-        coordinator.handle(said(server, messages.VoxelsPacked(3, 360, 1, 0.1)))
+        coordinator.handle(said(server, messages.VoxelsPacked(3, 1, 0.1)))
     lost = tuple(coordinator.holding.boxes[SECOND])
     read_ahead(coordinator, coordinator.handle(ServerLost(SECOND, "it is gone as well")))
     coordinator.handle(said(LATE.server, messages.Refused("ChangeSubCubes", "no memory", assignment=4, held=3)))
@@ -702,12 +702,12 @@ def test_a_splat_server_that_joins_late_draws_from_the_next_frame_on() -> None:
 def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_one_goes_on() -> None:
     coordinator = surveyed()
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=True))
-    coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 0, 0.1)))
+    coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 0, 0.1)))
     told = coordinator.handle(ServerLost(FIRST, GONE))
     assert ended_by(told) == HANDED_OVER
     assert boxes_told(read_ahead(coordinator, told)) == {SECOND: [ALL]}
     assert sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))) == []
-    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
@@ -724,7 +724,7 @@ def test_after_a_loss_while_sub_cubes_are_read_again_the_others_read_all(already
         told = coordinator.handle(read_by(coordinator, SECOND))
     assert coordinator.holding.boxes == {SECOND: [ALL]}
     assert sent(told) == [(SECOND, messages.PackVoxels)]
-    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(coordinator.holding.assignment, 720, 0, 0.1)))
+    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(coordinator.holding.assignment, 0, 0.1)))
     assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
@@ -872,7 +872,7 @@ def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
     assert sent(asked) == [(FIRST, messages.ReadSubCubes), (SECOND, messages.ReadSubCubes)]
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
     for server in (FIRST, SECOND):
-        coordinator.handle(said(server, messages.SubCubesRead(2, survey, 720, 0.1)))
+        coordinator.handle(said(server, messages.SubCubesRead(2, survey, 0.1)))
     (ask, _) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
     assert isinstance(ask, messages.ProbeVoxels)
     assert (ask.assignment, ask.drawing.quantisation.window) == (2, (0.0, 9.0))
@@ -885,7 +885,7 @@ def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     told = coordinator.handle(ServerLost(FIRST, GONE))
     assert not any(isinstance(one, Answer) for one in told)
     read_ahead(coordinator, told)
-    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert (SECOND, messages.ProbeVoxels) in sent(told)
     assert coordinator.handle(seen(SECOND, NEAR)) == [Answer(5, NEAR)]
 
@@ -898,7 +898,7 @@ def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
     half, whole = Rectangle(0, 0, 4, 9), Rectangle(0, 0, 8, 9)
     late = said(SECOND, messages.SliceRead(5, 1, [half]), bytes(8 * 36))  # it held the half when it was asked
     read_ahead(coordinator, told)
-    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert (SECOND, messages.ReadSlice) in sent(told)
     assert coordinator.handle(late) == []
     (answer,) = coordinator.handle(said(SECOND, messages.SliceRead(5, 2, [whole]), bytes(8 * 72)))
@@ -926,7 +926,7 @@ def test_counts_of_the_plane_are_summed_and_asked_anew_after_a_loss() -> None:
     coordinator.handle(said(SECOND, messages.PlaneCounted(6, 1), fours))
     told = coordinator.handle(ServerLost(FIRST, GONE))
     read_ahead(coordinator, told)
-    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert (SECOND, messages.CountPlane) in sent(told)
     (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(6, 2), threes))
     assert isinstance(answer, Answer) and isinstance(answer.found, PlaneCounts) and answer.found.voxels == 3
@@ -1015,7 +1015,7 @@ def lending_again() -> CheckedCoordinator:
         coordinator.handle(counted(server, 200))
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=False))
     for server in (FIRST, SECOND, THIRD):
-        coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 0, 0.1)))
+        coordinator.handle(said(server, messages.VoxelsPacked(1, 0, 0.1)))
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
     told = coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=False))
     assert sent(told)[-1] == (FIRST, messages.LendVolume)
@@ -1024,18 +1024,18 @@ def lending_again() -> CheckedCoordinator:
 
 def test_another_server_lends_where_the_lender_is_lost() -> None:
     coordinator = lending_again()
-    coordinator.handle(said(FIRST, messages.VolumeLent(2, ["uint16"], 1440, 0.1)))
+    coordinator.handle(said(FIRST, messages.VolumeLent(2, ["uint16"])))
     told = coordinator.handle(ServerLost(FIRST, GONE))
     assert sent(told)[-1] == (SECOND, messages.LendVolume)
     assert coordinator.handle(said(THIRD, messages.PartHeld(2))) == [], "of the reading before"
-    told = coordinator.handle(said(SECOND, messages.VolumeLent(3, ["uint16"], 1440, 0.1)))
+    told = coordinator.handle(said(SECOND, messages.VolumeLent(3, ["uint16"])))
     assert (THIRD, messages.AwaitParts) in sent(told)
 
 
 @pytest.mark.parametrize("lent_before", [True, False])
 def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) -> None:
     coordinator = lending_again()
-    lent = said(FIRST, messages.VolumeLent(2, ["uint16"], 1440, 0.1))
+    lent = said(FIRST, messages.VolumeLent(2, ["uint16"]))
     late = asked_parts(coordinator.handle(lent)) if lent_before else []
     coordinator.handle(ServerLost(SECOND, "it is gone"))
     told = coordinator.handle(ServerLost(THIRD, "it is gone"))
@@ -1106,7 +1106,7 @@ def test_who_moves_does_not_wait_for_a_finer_level() -> None:
     packed(coordinator)
     assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.C, require_complete=False))) == [0, 1, 2]
     assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.A, require_complete=False))) == [1, 2]
-    assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 1, 0, 0.1))) == [], "of what was given up"
+    assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 0, 0.1))) == [], "of what was given up"
     assert drawn_from(packed(coordinator, 3)) == {(2, 1)}
 
 

@@ -97,7 +97,7 @@ class Model:
     def read(self, server: int) -> MessageReceived:
         voxels = self.boxes[server].voxels
         survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=voxels, no_data=0)
-        return said(server, messages.SubCubesRead(1, survey, voxels, voxels / VOXELS_A_SECOND))
+        return said(server, messages.SubCubesRead(1, survey, voxels / VOXELS_A_SECOND))
 
     def counted(self, server: int) -> MessageReceived:
         counts = bytearray(16 * HISTOGRAM_BINS)
@@ -156,7 +156,7 @@ class Model:
     def packed(self, server: int, ask: messages.PackVoxels | messages.ChangeSubCubes) -> MessageReceived:
         voxels = self.voxels(server)
         read = 0 if isinstance(ask, messages.PackVoxels) else voxels
-        return said(server, messages.VoxelsPacked(ask.assignment, voxels, read, voxels / VOXELS_A_SECOND))
+        return said(server, messages.VoxelsPacked(ask.assignment, read, voxels / VOXELS_A_SECOND))
 
     def until_moved(self, frames: int = 40) -> list[Instruction]:
         """Draw so many frames at most: what is said when sub-cubes are to change hands, nothing if they are not."""

@@ -126,7 +126,7 @@ def test_a_field_of_another_type_is_refused_by_name(kind: type[Message]) -> None
         ),
         (messages.HistogramsCounted(1, 65537, 1), "$.bins", "65537", "65536"),
         (messages.Refused("x" * 1001, ""), "$.request", "xxx", "1000"),
-        (messages.VoxelsPacked(1, 1, 1, float("nan")), "$.seconds", "nan", "0"),
+        (messages.VoxelsPacked(1, 1, float("nan")), "$.seconds", "nan", "0"),
     ],
 )
 def test_a_refusal_names_field_value_and_limit(message: Message, field: str, value: str, limit: str) -> None:

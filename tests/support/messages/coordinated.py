@@ -82,7 +82,7 @@ def read_by(coordinator: CheckedCoordinator, server: int) -> MessageReceived:
     """What a server says once it has read what it is to hold."""
     voxels = sum(box.voxels for box in coordinator.holding.boxes[server])
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=voxels, no_data=0)
-    return said(server, messages.SubCubesRead(coordinator.holding.assignment, survey, 2 * voxels, 0.1))
+    return said(server, messages.SubCubesRead(coordinator.holding.assignment, survey, 0.1))
 
 
 def surveyed(splat_servers: int = 1) -> CheckedCoordinator:
@@ -93,7 +93,7 @@ def surveyed(splat_servers: int = 1) -> CheckedCoordinator:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
         survey = Survey(low=low, high=high, max_gradient=high, voxels=360, no_data=1)
-        coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1)))
+        coordinator.handle(said(server, messages.SubCubesRead(1, survey, 0.1)))
     coordinator.handle(counted(FIRST))
     published = coordinator.handle(counted(SECOND))
     assert any(isinstance(i, PublishVolume) for i in published)
@@ -103,7 +103,7 @@ def surveyed(splat_servers: int = 1) -> CheckedCoordinator:
 def packed(coordinator: CheckedCoordinator, assignment: int = 1) -> list[Instruction]:
     instructions: list[Instruction] = []
     for server in (FIRST, SECOND):
-        instructions = coordinator.handle(said(server, messages.VoxelsPacked(assignment, 360, 0, 0.1)))
+        instructions = coordinator.handle(said(server, messages.VoxelsPacked(assignment, 0, 0.1)))
     return instructions
 
 
@@ -116,7 +116,7 @@ def drawing(frame: int = 1, scene: Scene = SCENE, splat_servers: int = 1) -> Che
 
 WHOLE = msgspec.structs.replace(DESCRIPTION, reads_sub_cubes=False, why_whole="it is compressed")
 THIRD = 4
-LENT = messages.VolumeLent(1, ["uint16"], 1440, 0.1)
+LENT = messages.VolumeLent(1, ["uint16"])
 
 
 def lending(workers: int = 3) -> CheckedCoordinator:

@@ -92,9 +92,9 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.DescribeVolume("/data/head.nrrd"), b""),
         (messages.VolumeDescribed(DESCRIPTION, None, IDENTITY), b""),
         (messages.ReadSubCubes(1, "/data/head.nrrd", BOXES, IDENTITY), b""),
-        (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
+        (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 0.125), b""),
         (messages.LendVolume(1, "/data/head.nrrd", IDENTITY), b""),
-        (messages.VolumeLent(1, ["int16"], 240, 0.125), b""),
+        (messages.VolumeLent(1, ["int16"]), b""),
         (messages.ReadPart(1, PART), b""),
         (messages.PartRead(1, PART), struct.pack("<4h", -1000, 0, 40, 3000)),
         (messages.AwaitParts(1, DESCRIPTION, [Box((0, 0, 3), (4, 5, 6))]), b""),
@@ -103,7 +103,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.CountHistograms(1, -1000.0, 3000.0, 512.5), b""),
         (messages.HistogramsCounted(1, 2, 1), struct.pack("<4q2d", 100, 18, 60, 58, -1000.0, 3000.0)),
         (messages.PackVoxels(1, QUANTISATION), b""),
-        (messages.VoxelsPacked(1, 120, 48, 0.0625), b""),
+        (messages.VoxelsPacked(1, 48, 0.0625), b""),
         (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.ReadAhead(1, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.AheadRead(1), b""),
@@ -322,11 +322,9 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.ReadSubCubes: st.builds(
         messages.ReadSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities
     ),
-    messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
+    messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, seconds),
     messages.LendVolume: st.builds(messages.LendVolume, ids, paths, identities),
-    messages.VolumeLent: st.builds(
-        messages.VolumeLent, ids, st.lists(_scalar_types, min_size=1, max_size=2), counts, seconds
-    ),
+    messages.VolumeLent: st.builds(messages.VolumeLent, ids, st.lists(_scalar_types, min_size=1, max_size=2)),
     messages.ReadPart: st.builds(messages.ReadPart, ids, _parts),
     messages.PartRead: st.builds(messages.PartRead, ids, _parts),
     messages.AwaitParts: st.builds(messages.AwaitParts, ids, descriptions, st.lists(boxes, min_size=1, max_size=3)),
@@ -335,7 +333,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.CountHistograms: st.builds(messages.CountHistograms, ids, finite, finite, finite),
     messages.HistogramsCounted: st.builds(messages.HistogramsCounted, ids, st.integers(1, 40), st.integers(1, 40)),
     messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),
-    messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, counts, seconds),
+    messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, seconds),
     messages.ChangeSubCubes: st.builds(
         messages.ChangeSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
     ),
