@@ -133,7 +133,7 @@ class HeldVolume:
         if isinstance(request, messages.RenderFrame | messages.SumDepths):
             self.check(request.assignment, f"frame {request.frame}")
         else:
-            self.check(request.assignment, f"probe {request.probe}")
+            self.check(request.assignment, f"question {request.question}")
         if isinstance(request, messages.CountPlane):
             return self.sub_cubes(request.level)
         return self._sub_cubes_drawn(request.drawing)

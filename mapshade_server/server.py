@@ -2,7 +2,8 @@
 
 One thread receives from the client and notes the newest frame and aborts at once; another works through the requests
 in order. A frame is walked by threads of its own, which stop between two batches, so that an abort takes no longer than
-a batch does; probes are answered meanwhile. What is asked of the file beside all else, other threads read.
+a batch does; what is asked of the voxels that are held is answered meanwhile. What is asked of the file beside all
+else, other threads read.
 """
 
 import logging
@@ -173,7 +174,7 @@ class MapShadeServer:
 
     def _answer_from_voxels(self, request: OfVoxels) -> None:
         answers = VoxelAnswers(self._held.sub_cubes_asked(request))
-        takes_long = isinstance(request, messages.SumDepths)  # a probe is over before signs of life are left
+        takes_long = isinstance(request, messages.SumDepths)  # the others are over before signs of life are left
         with self._heartbeat.at_work(self._client) if takes_long else nullcontext():
             self._give(answers.answer(request))
 
@@ -218,11 +219,8 @@ class MapShadeServer:
             self._client.send(answer)
 
     @takes(messages.ReadVoxel)
-    def _read_voxel(self, request: messages.ReadVoxel) -> None:
-        self._files.ask(request)
-
     @takes(messages.ListFolder)
-    def _list_folder(self, request: messages.ListFolder) -> None:
+    def _look_at_files(self, request: OfFiles) -> None:
         self._files.ask(request)
 
     def _give(self, answer: Answer) -> None:
@@ -311,8 +309,8 @@ class MapShadeServer:
         walking = self._walking.submit(delivery.run, self._crew, self._requests.wake)
         walking.add_done_callback(lambda _: self._requests.wake())
         try:
-            while probe := self._requests.get_during(self._goes_beside, lambda: walking.done() or delivery.failed):
-                self._answer(*probe)
+            while beside := self._requests.get_during(self._goes_beside, lambda: walking.done() or delivery.failed):
+                self._answer(*beside)
             delivery.check()
             return walking.result()
         except Exception:

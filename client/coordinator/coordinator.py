@@ -1,11 +1,12 @@
 """The client's decisions: events in, instructions out. It knows no socket, thread or clock.
 
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
-list of instructions that the session carries out. This file holds the servers and the volume that they share; `frames`,
-`probes`, `voxels` and `folders` hold what is asked of it. Each method says which event or message it takes, and in
-which phase that may come (see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join and be
-lost at any time: between two frames those that join get a share of the volume, or of the image, and what was lost with
-a server is taken over by others. A server that says what cannot be, or says it in the wrong phase, is cut off.
+list of instructions that the session carries out. This file holds the servers and the volume that they share; `frames`
+and the files of questions and listings hold what is asked of it. Each method says which event or message it takes, and
+in which phase that may come (see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join
+and be lost at any time: between two frames those that join get a share of the volume, or of the image, and what was
+lost with a server is taken over by others. A server that says what cannot be, or says it in the wrong phase, is cut
+off.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,12 +15,12 @@ from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.coordinator_events import (
-    Answer,
     CutOff,
     EndFrame,
     Event,
     FailSession,
     FrameAsked,
+    GiveAnswer,
     Instruction,
     MessageReceived,
     NobodyJoined,
@@ -34,16 +35,16 @@ from volsplat.client.coordinator.coordinator_events import (
     VolumeAsked,
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
-from volsplat.client.coordinator.file_voxels import FileVoxels
+from volsplat.client.coordinator.file_voxel_questions import FileVoxelQuestions
 from volsplat.client.coordinator.folder_listings import FolderListings
 from volsplat.client.coordinator.frames import Frames
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
-from volsplat.client.coordinator.probes import Probes
 from volsplat.client.coordinator.reading_ahead import READING_WHAT_WAS_LOST, ReadingAhead
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, handed_over
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.heirs import Boxes, shared_anew, taken_over
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.coordinator.voxel_questions import VoxelQuestions
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
 from volsplat.protocol.messages.handlers import Handler, check_handlers, handlers, takes
@@ -77,11 +78,11 @@ class Coordinator:
         self.routes = DataRoutes(self.servers)
         self.work = WorkShares(self.holding)
         self.frames = Frames(self.servers, self.routes, self.holding, self.work)
-        self.probes = Probes(self.holding)
-        self.voxels = FileVoxels(self.holding)
+        self.voxel_questions = VoxelQuestions(self.holding)
+        self.file_questions = FileVoxelQuestions(self.holding)
         self.folders = FolderListings(self.servers, self.holding)
         self.ahead = ReadingAhead(self.holding)
-        self._questions = (self.probes, self.voxels, self.folders)
+        self._questions = (self.voxel_questions, self.file_questions, self.folders)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
@@ -108,10 +109,10 @@ class Coordinator:
     def _refused_after_failure(self, event: Event, failure: VolsplatError) -> list[Instruction]:
         if isinstance(event, FrameAsked):
             return [EndFrame(event.frame, failure)]
-        return [Answer(event.probe, error=failure)] if isinstance(event, Question) else []
+        return [GiveAnswer(event.question, error=failure)] if isinstance(event, Question) else []
 
     def _go_on(self) -> list[Instruction]:
-        """Begin the frame that waits and send the probes that do, if the servers are ready for them.
+        """Begin the frame that waits and send the questions that do, if the servers are ready for them.
 
         Before that servers may leave, and sub-cubes change hands, unless a frame is being drawn. Nobody leaves before
         it is known who else is there: they may be the last.
@@ -123,7 +124,7 @@ class Coordinator:
         shared = self._share(at_once=bool(left)) if resting and self.failure is None else []
         self.servers.hold(self.holding.boxes)
         begun = self.frames.begin()
-        return [*left, *shared, *begun, *([] if self._heals else self.probes.send())]
+        return [*left, *shared, *begun, *([] if self._heals else self.voxel_questions.send())]
 
     @property
     def _heals(self) -> bool:
@@ -228,8 +229,8 @@ class Coordinator:
         told = handed_over(lost)
         invited = self.routes.invite(self.holding.boxes)  # no other's link is kept
         ended = self.frames.end(ImageIncomplete(told))
-        self.probes.lost(number)
-        return [ReportLoss(told), *invited, *ended, *self.voxels.lost(number), *held]
+        self.voxel_questions.lost(number)
+        return [ReportLoss(told), *invited, *ended, *self.file_questions.lost(number), *held]
 
     def _lose_unsurveyed(self, lost: ServerState) -> list[Instruction]:
         """The volume is described or read anew, by the others, or by whoever joins."""
@@ -370,8 +371,8 @@ class Coordinator:
         joined = self.servers.joined[event.server]
         cause = f"{joined.name}: {message.cause}" if joined.elsewhere else message.cause
         error = PeerLost(cause) if message.reason is Reason.PEER_LOST else BadInput(cause)
-        if message.probe:
-            return [told for questions in self._questions for told in questions.refused(message.probe, error)]
+        if message.question:
+            return [told for questions in self._questions for told in questions.refused(message.question, error)]
         if message.frame:
             return self.frames.end(error) if self.frames.current(message.frame) else []
         if message.request == ReadAhead.__name__:
@@ -423,8 +424,9 @@ class Coordinator:
         moves = assignments.moving and assignments.may_move
         if not holding.refused(server, message.request, message.held):
             return [ReportProgress(f"{error}; {_STAY}")] if moves else []
-        waiting = [probe.asked.probe for probe in self.probes.waiting()]
-        return [*self.frames.end(error), *(told for probe in waiting for told in self.probes.refused(probe, error))]
+        waiting = [one.asked.question for one in self.voxel_questions.waiting()]
+        ended = [told for question in waiting for told in self.voxel_questions.refused(question, error)]
+        return [*self.frames.end(error), *ended]
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:
@@ -467,8 +469,8 @@ class Coordinator:
         self.servers.validate_state()
         self.holding.validate_state()
         self.frames.validate_state()
-        self.probes.validate_state(self._heals)
-        self.voxels.validate_state()
+        self.voxel_questions.validate_state(self._heals)
+        self.file_questions.validate_state()
         self.folders.validate_state()
         self.ahead.validate_state()
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
@@ -487,7 +489,7 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, Frames, Probes, FileVoxels, FolderListings, ReadingAhead)
+OWNERS = (Coordinator, VolumeHolding, Frames, VoxelQuestions, FileVoxelQuestions, FolderListings, ReadingAhead)
 
 OF_TRACES = frozenset({ClockRead, FrameTraced})  # see client/trace
 OF_DOCTOR = frozenset({LinkMeasured})  # see deploy/doctor

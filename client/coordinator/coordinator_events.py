@@ -133,20 +133,20 @@ class AbortAsked:
 
 
 @dataclass(frozen=True)
-class ProbeAsked:
+class PointAsked:
     """The voxel is wanted that is seen at this point of the scene's image; see line_of_sight."""
 
-    probe: int  # rises with every question, of whatever kind
+    question: int  # rises with every one, of whatever kind
     scene: Scene
     x: float
     y: float
 
 
 @dataclass(frozen=True)
-class VoxelAsked:
+class FileVoxelAsked:
     """The numbers are wanted that the volume's file has for a voxel."""
 
-    probe: int
+    question: int
     index: Index
 
 
@@ -154,7 +154,7 @@ class VoxelAsked:
 class FolderAsked:
     """What lies in a folder of a map/shade server is wanted; see ListFolder."""
 
-    probe: int
+    question: int
     root: str
     folder: str
     words: str
@@ -164,7 +164,7 @@ class FolderAsked:
 class SliceAsked:
     """A slice of the volume is wanted, with at most `longest` samples along a side, and in this scene's colours."""
 
-    probe: int
+    question: int
     scene: Scene
     axis: int
     index: int
@@ -176,11 +176,11 @@ class SliceAsked:
 class PlaneAsked:
     """How many voxels have each density with each strength, in this scene's window."""
 
-    probe: int
+    question: int
     scene: Scene
 
 
-Question = ProbeAsked | SliceAsked | PlaneAsked | VoxelAsked | FolderAsked
+Question = PointAsked | SliceAsked | PlaneAsked | FileVoxelAsked | FolderAsked
 Event = (
     ServerJoined
     | ServerLost
@@ -276,13 +276,13 @@ Found = messages.ProbedVoxel | VolumeSlice | PlaneCounts | FileVoxel | messages.
 
 
 @dataclass(frozen=True)
-class Answer:
+class GiveAnswer:
     """What was asked for, or the reason why it is not known.
 
     None is an answer as well: nothing is seen there, or nobody tells soon what the file has there.
     """
 
-    probe: int  # the question's
+    question: int
     found: Found = None
     error: VolsplatError | None = None
 
@@ -295,5 +295,5 @@ class FailSession:
 
 
 Instruction = (
-    Send | CutOff | ReportProgress | ReportLoss | PublishVolume | PublishImage | EndFrame | Answer | FailSession
+    Send | CutOff | ReportProgress | ReportLoss | PublishVolume | PublishImage | EndFrame | GiveAnswer | FailSession
 )

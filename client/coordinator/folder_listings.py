@@ -1,6 +1,6 @@
 """What lies in folders of the servers' machine, on its way: of any map/shade server, since all see the same files."""
 
-from volsplat.client.coordinator.coordinator_events import Answer, FolderAsked, Instruction, MessageReceived, Send
+from volsplat.client.coordinator.coordinator_events import FolderAsked, GiveAnswer, Instruction, MessageReceived, Send
 from volsplat.client.coordinator.open_questions import AskedOfOne
 from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.servers import Servers
@@ -25,9 +25,13 @@ class FolderListings(AskedOfOne):
     @takes(FolderAsked)
     def _ask(self, event: FolderAsked) -> list[Instruction]:
         if len(self._open) + len(self._waiting) >= MOST_WAITING:
-            return [Answer(event.probe, error=BadInput("the servers are still busy with other folders; try again"))]
+            return [
+                GiveAnswer(event.question, error=BadInput("the servers are still busy with other folders; try again"))
+            ]
         if not self._servers.ready(Role.MAPSHADE_SERVER) and self._holding.phase is not Phase.GATHERING:
-            return [Answer(event.probe, error=PeerLost("no map/shade server is there to look at folders; try again"))]
+            return [
+                GiveAnswer(event.question, error=PeerLost("no map/shade server is there to look at folders; try again"))
+            ]
         self._waiting.append(event)
         return self.send()
 
@@ -37,15 +41,15 @@ class FolderListings(AskedOfOne):
         if not there:
             return []
         waiting, self._waiting = self._waiting, []
-        self._open |= {one.probe: there[0] for one in waiting}
+        self._open |= {one.question: there[0] for one in waiting}
         return [
-            Send(there[0], ListFolder(probe=one.probe, path=one.root, folder=one.folder, words=one.words))
+            Send(there[0], ListFolder(question=one.question, path=one.root, folder=one.folder, words=one.words))
             for one in waiting
         ]
 
     @takes(FolderListed)
     def _listed(self, message: FolderListed, event: MessageReceived) -> list[Instruction]:
-        return self._answer(message.probe, message)
+        return self._answer(message.question, message)
 
     def lost(self, server: int) -> list[Instruction]:
         """Nothing more will come from this server."""
@@ -54,7 +58,7 @@ class FolderListings(AskedOfOne):
     def failed(self, error: VolsplatError) -> list[Instruction]:
         """All end in an error, those that wait included."""
         waiting, self._waiting = self._waiting, []
-        return [*super().failed(error), *(Answer(one.probe, error=error) for one in waiting)]
+        return [*super().failed(error), *(GiveAnswer(one.question, error=error) for one in waiting)]
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken."""

@@ -2,7 +2,7 @@
 
 from typing import Generic, TypeVar
 
-from volsplat.client.coordinator.coordinator_events import Answer, Found, Instruction
+from volsplat.client.coordinator.coordinator_events import Found, GiveAnswer, Instruction
 from volsplat.protocol.text.errors import VolsplatError
 
 Known = TypeVar("Known")  # of a question, while it is open
@@ -16,7 +16,7 @@ class OpenQuestions(Generic[Known]):
 
     def _answer(self, number: int, found: Found = None, error: VolsplatError | None = None) -> list[Instruction]:
         """Nothing if it has been given."""
-        return [] if self._open.pop(number, None) is None else [Answer(number, found, error)]
+        return [] if self._open.pop(number, None) is None else [GiveAnswer(number, found, error)]
 
     def refused(self, number: int, error: VolsplatError) -> list[Instruction]:
         """One ends in an error."""

@@ -15,12 +15,12 @@ import msgspec
 from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
-    Answer,
     CutOff,
     EndFrame,
     Event,
     FailSession,
     Found,
+    GiveAnswer,
     Instruction,
     PublishImage,
     PublishVolume,
@@ -179,7 +179,7 @@ class Coordination:
                 self._volume_known.set()
             case PublishImage() | EndFrame():
                 self.frames.give(instruction)
-            case Answer():
+            case GiveAnswer():
                 self._answers.give(instruction)
             case FailSession(error):
                 self.fail(error)

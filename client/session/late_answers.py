@@ -4,7 +4,7 @@ import threading
 from concurrent.futures import Future
 from itertools import count
 
-from volsplat.client.coordinator.coordinator_events import Answer, Found
+from volsplat.client.coordinator.coordinator_events import Found, GiveAnswer
 from volsplat.protocol.text.errors import VolsplatError
 
 
@@ -28,10 +28,10 @@ class LateAnswers:
                 self._waiting[number] = future
             return number, future
 
-    def give(self, answer: Answer) -> None:
+    def give(self, answer: GiveAnswer) -> None:
         """What was asked is known, or why it will not be."""
         with self._lock:
-            future = self._waiting.pop(answer.probe, None)
+            future = self._waiting.pop(answer.question, None)
         if future is None:
             return  # the session has failed
         if answer.error is None:
@@ -45,4 +45,4 @@ class LateAnswers:
             self._failure = self._failure or error
             waiting = list(self._waiting)
         for number in waiting:
-            self.give(Answer(number, error=error))
+            self.give(GiveAnswer(number, error=error))

@@ -36,14 +36,14 @@ from volsplat.client.caller.arguments import (
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.coordinator.coordinator_events import (
+    FileVoxelAsked,
     FolderAsked,
     Found,
     PlaneAsked,
-    ProbeAsked,
+    PointAsked,
     Question,
     SliceAsked,
     VolumeAsked,
-    VoxelAsked,
 )
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.histogram.plane_counts import PlaneCounts
@@ -270,7 +270,7 @@ class Session:
         Raises BadInput if the scene does not fit the volume, and PeerLost if nothing can be drawn any more.
         """
         scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
-        found = self._ask_about(lambda number: ProbeAsked(number, scene, x, y)).result()
+        found = self._ask_about(lambda number: PointAsked(number, scene, x, y)).result()
         assert found is None or isinstance(found, messages.ProbedVoxel), "nothing else was asked for"
         return found
 
@@ -320,7 +320,7 @@ class Session:
         index, within = checked_index(index), checked_number(within, "within", least=0.0)
         if (in_memory := self._in_memory) is not None:
             in_memory.check_open()
-        answer = self._ask_about(lambda number: VoxelAsked(number, index))
+        answer = self._ask_about(lambda number: FileVoxelAsked(number, index))
         try:
             found = answer.result(min(within, threading.TIMEOUT_MAX))
         except TimeoutError:

@@ -34,16 +34,16 @@ from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
     PlaneAsked,
-    ProbeAsked,
+    PointAsked,
     ReportProgress,
     Send,
     SliceAsked,
 )
 from volsplat.client.coordinator.packing import Packing
-from volsplat.client.coordinator.probe_kinds import Asked, probe_for
 from volsplat.client.coordinator.running_frame import progress_words
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.coordinator.voxel_question_kinds import Asked, question_for
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import volume_in_memory
@@ -213,7 +213,7 @@ class SingleProcess:
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
-        found = self._found(ProbeAsked(ASKED, checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")))
+        found = self._found(PointAsked(ASKED, checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")))
         assert found is None or isinstance(found, messages.ProbedVoxel), "nothing else was asked for"
         return found
 
@@ -226,7 +226,9 @@ class SingleProcess:
         if source is None:
             return None
         path, identity = source
-        told, payload = self._file_voxels.read(messages.ReadVoxel(probe=1, path=path, identity=identity, index=index))
+        told, payload = self._file_voxels.read(
+            messages.ReadVoxel(question=1, path=path, identity=identity, index=index)
+        )
         assert isinstance(told, messages.VoxelRead)
         return FileVoxel.of_bytes(told.scalar_types, memoryview(b"".join(payload))) if told.scalar_types else None
 
@@ -246,14 +248,14 @@ class SingleProcess:
 
     def _found(self, asked: Asked) -> Found:
         """What the voxels tell that are held for the scene. Raises BadInput."""
-        probe = probe_for(asked, self.volume)
+        question = question_for(asked, self.volume)
         with self._drawing, computable():
-            self._packed(probe.asked.scene, Step.F)
-            request = probe.request(self._holding)
+            self._packed(question.asked.scene, Step.F)
+            request = question.request(self._holding)
             sub_cubes = self._held.sub_cubes_asked(request)
         answer = VoxelAnswers(sub_cubes).answer(request)
-        probe.take(answer.message, answer.whole_payload)
-        return probe.found
+        question.take(answer.message, answer.whole_payload)
+        return question.found
 
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""

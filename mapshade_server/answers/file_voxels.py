@@ -51,13 +51,13 @@ class FileVoxels:
         voxel = _box_at(request.index)
         check_within([voxel], description.geometry)
         if not _is_cheap(description, opened.whole is not None):
-            return Answer(VoxelRead(probe=request.probe, scalar_types=[]))
+            return Answer(VoxelRead(question=request.question, scalar_types=[]))
         scalars = _scalars(opened, description, voxel)
         check_still(request.path, opened.reader, description, request.identity)
         types: list[Any] = [scalar.dtype.name for scalar in scalars]
         in_order = (scalar.astype(scalar.dtype.newbyteorder("<")) for scalar in scalars)
         return Answer(
-            VoxelRead(probe=request.probe, scalar_types=types),
+            VoxelRead(question=request.question, scalar_types=types),
             tuple(memoryview(scalar.tobytes()) for scalar in in_order),
         )
 

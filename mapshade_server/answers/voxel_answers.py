@@ -28,20 +28,20 @@ class VoxelAnswers:
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> Answer:
         voxel = front_most(self._sub_cubes, request.drawing, request.line)
-        return Answer(messages.VoxelProbed(request.probe, voxel))
+        return Answer(messages.VoxelProbed(request.question, voxel))
 
     @takes(messages.ReadSlice)
     def _read_slice(self, request: messages.ReadSlice) -> Answer:
         if request.plane.dims != request.drawing.dims:
-            raise BadInput(f"slice {request.probe} is of another grid than level {request.drawing.level}")
+            raise BadInput(f"slice {request.question} is of another grid than level {request.drawing.level}")
         parts = list(slice_parts(self._sub_cubes, request.drawing, request.plane))
-        read = messages.SliceRead(request.probe, request.assignment, [part for part, _ in parts])
+        read = messages.SliceRead(request.question, request.assignment, [part for part, _ in parts])
         return Answer(read, tuple(memoryview(samples) for _, samples in parts))
 
     @takes(messages.CountPlane)
     def _count_plane(self, request: messages.CountPlane) -> Answer:
         counts = plane_counts(self._sub_cubes)
-        return Answer(messages.PlaneCounted(request.probe, request.assignment), (counts.cast("B"),))
+        return Answer(messages.PlaneCounted(request.question, request.assignment), (counts.cast("B"),))
 
     @takes(messages.SumDepths)
     def _sum_depths(self, request: messages.SumDepths) -> Answer:

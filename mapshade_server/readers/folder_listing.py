@@ -47,7 +47,7 @@ def listed(request: ListFolder) -> FolderListed:
     except OSError as error:
         reason = os.strerror(error.errno or 0)
         raise BadInput(f"{request.folder or folder.name}: cannot be listed ({reason}); check its permissions") from None
-    return FolderListed(request.probe, entries, left_out)
+    return FolderListed(request.question, entries, left_out)
 
 
 def _with_parts(request: ListFolder) -> VolumeName | None:
@@ -69,7 +69,7 @@ def _parts(request: ListFolder, whole: VolumeName) -> FolderListed:
         for one in told
         if _can_be_told(one.part)
     ]
-    return FolderListed(request.probe, entries[:MOST_ENTRIES], len(told) - len(entries[:MOST_ENTRIES]))
+    return FolderListed(request.question, entries[:MOST_ENTRIES], len(told) - len(entries[:MOST_ENTRIES]))
 
 
 def _below(root: str, folder: str) -> Path:

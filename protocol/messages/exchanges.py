@@ -5,7 +5,7 @@ is there, or leaves. Requests declare theirs (see message); the table in docs/ho
 that. Both ends keep the exchanges of their connection, so that a message out of turn ends that connection (see
 connection) and reaches nobody.
 
-A server works through its requests in order (probes and voxels of the file aside). So what it answers of one frame, or
+A server works through its requests in order (questions about the volume aside). So what it answers of one frame, or
 of one assignment of sub-cubes, ends all exchanges about older ones. Traces aside: they are asked for of frames that are
 over, maybe while the next one runs, and name theirs otherwise (`of_frame`).
 """
@@ -154,6 +154,6 @@ def _name(message: Message, kind: Exchange) -> tuple[object, ...]:
 
 def _told(message: Message) -> str:
     """A message for a person: its kind, and the ids that it carries."""
-    ids = [f"{key}={id}" for key in ("frame", "assignment", "probe") if (id := getattr(message, key, 0))]
+    ids = [f"{key}={id}" for key in ("frame", "assignment", "question") if (id := getattr(message, key, 0))]
     of = [f"request={printable(message.request)[:40]}"] if isinstance(message, Refused) else []
     return type(message).__name__ + (f" ({', '.join(of + ids)})" if of or ids else "")

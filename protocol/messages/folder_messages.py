@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from volsplat.protocol.messages.message import Count, Detail, Message, ProbeId, asks
+from volsplat.protocol.messages.message import Count, Detail, Message, QuestionId, asks
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
 from volsplat.protocol.messages.volume_messages import LONGEST_PATH, Path
 from volsplat.protocol.text.printable import printable
@@ -39,7 +39,7 @@ class FolderEntry(Detail, frozen=True):
 class FolderListed(Message, frozen=True):
     """Map/shade server to client: what lies in the folder, folders first; `left_out` more are there."""
 
-    probe: ProbeId
+    question: QuestionId
     entries: Annotated[list[FolderEntry], Meta(max_length=MOST_ENTRIES)]
     left_out: Count
 
@@ -54,7 +54,7 @@ class ListFolder(Message, frozen=True):
     Answered beside frames and all else.
     """
 
-    probe: ProbeId
+    question: QuestionId
     path: Path
     folder: FolderName = ""
     words: FolderName = ""

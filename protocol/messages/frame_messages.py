@@ -20,7 +20,7 @@ from volsplat.protocol.messages.message import (
     FrameId,
     Message,
     Ordinal,
-    ProbeId,
+    QuestionId,
     Seconds,
     ServerId,
     ServerIds,
@@ -350,7 +350,7 @@ class ProbedVoxel(Detail, frozen=True):
 class VoxelProbed(Message, frozen=True):
     """Map/shade server to client: the front-most voxel there that is not transparent, or none."""
 
-    probe: ProbeId
+    question: QuestionId
     voxel: ProbedVoxel | None
 
 
@@ -361,7 +361,7 @@ class ProbeVoxels(Message, frozen=True):
     The voxels are those of the level; the index in the answer is the volume's.
     """
 
-    probe: ProbeId
+    question: QuestionId
     assignment: AssignmentId
     line: LineOfSight
     drawing: Drawing

@@ -17,12 +17,15 @@ class Handler(NamedTuple):
 
 def takes(
     kind: type[Taken], *states: Enum
-) -> Callable[[Callable[Concatenate[Self, Taken, More], Result]], Callable[Concatenate[Self, Taken, More], Result]]:
-    """Marks a method as the one that takes this kind of message or event, which may come in these states."""
+) -> Callable[[Callable[Concatenate[Self, Taken, More], Result]], Callable[Concatenate[Self, Any, More], Result]]:
+    """Marks a method as one that takes this kind of message or event, which may come in these states.
+
+    One that takes several kinds is marked for each.
+    """
 
     def mark(
         method: Callable[Concatenate[Self, Taken, More], Result],
-    ) -> Callable[Concatenate[Self, Taken, More], Result]:
+    ) -> Callable[Concatenate[Self, Any, More], Result]:
         vars(method)["takes"] = {**vars(method).get("takes", {}), kind: states}
         return method
 

@@ -24,7 +24,7 @@ LONGEST_LINE = 1000  # characters
 
 ServerId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # given by the client at Welcome, never used again
 FrameId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each image request of a session
-ProbeId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each probe of a session
+QuestionId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each question about the volume of a session
 AssignmentId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # one partition of the volume among the workers
 ReadingId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each ReadAhead of a session
 IdOrNone = Annotated[int, Meta(ge=0, le=LARGEST_ID)]  # 0: none

@@ -1,9 +1,9 @@
-"""Messages about how often each density occurs with each strength: a probe of all voxels that are held."""
+"""Messages about how often each density occurs with each strength among the voxels that are held."""
 
 from typing import ClassVar
 
 from volsplat.protocol.description.patches import COUNTS_BYTES
-from volsplat.protocol.messages.message import AssignmentId, LevelNumber, Message, ProbeId, asks
+from volsplat.protocol.messages.message import AssignmentId, LevelNumber, Message, QuestionId, asks
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
 
 
@@ -15,7 +15,7 @@ class PlaneCounted(Message, frozen=True):
 
     largest_payload: ClassVar[int] = COUNTS_BYTES
 
-    probe: ProbeId
+    question: QuestionId
     assignment: AssignmentId
 
     def payload_bytes(self) -> int:
@@ -26,6 +26,6 @@ class PlaneCounted(Message, frozen=True):
 class CountPlane(Message, frozen=True):
     """Client to map/shade server: count the voxels of a level, as they are packed now, by density and strength."""
 
-    probe: ProbeId
+    question: QuestionId
     assignment: AssignmentId
     level: LevelNumber

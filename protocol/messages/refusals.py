@@ -22,7 +22,7 @@ def refusal(request: Message, error: Exception) -> Refused:
         reason=_reason(error),
         frame=getattr(request, "frame", 0),
         assignment=getattr(request, "assignment", 0),
-        probe=getattr(request, "probe", 0),
+        question=getattr(request, "question", 0),
     )
 
 

@@ -122,7 +122,7 @@ class Reason(StrEnum):
 class Refused(Message, frozen=True):
     """Map/shade server or splat server to client: a request cannot be met, for the cause given in one line.
 
-    `request` is the message's name; `frame`, `assignment` and `probe` are the request's, 0 where it carries none.
+    `request` is the message's name; `frame`, `assignment` and `question` are the request's, 0 where it carries none.
     `held` is the assignment that a map/shade server still holds, 0 for none.
     """
 
@@ -131,7 +131,7 @@ class Refused(Message, frozen=True):
     reason: Reason = Reason.REQUEST
     frame: IdOrNone = 0
     assignment: IdOrNone = 0
-    probe: IdOrNone = 0
+    question: IdOrNone = 0
     held: IdOrNone = 0
 
     def __post_init__(self) -> None:

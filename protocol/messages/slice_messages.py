@@ -1,11 +1,11 @@
-"""Messages about a slice of the volume: a probe of a whole plane, whatever of it can be seen in the picture."""
+"""Messages about a slice of the volume, whatever of it can be seen in the picture."""
 
 from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
 from volsplat.protocol.messages.drawing import Drawing
-from volsplat.protocol.messages.message import AssignmentId, Message, ProbeId, asks
+from volsplat.protocol.messages.message import AssignmentId, Message, QuestionId, asks
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
 from volsplat.protocol.messages.volume_messages import MAX_BOXES
 from volsplat.protocol.rules.regions import Rectangle
@@ -23,7 +23,7 @@ class SliceRead(Message, frozen=True):
 
     largest_payload: ClassVar[int] = LARGEST_SLICE
 
-    probe: ProbeId
+    question: QuestionId
     assignment: AssignmentId
     parts: Annotated[list[Rectangle], Meta(max_length=MAX_BOXES)]
 
@@ -43,7 +43,7 @@ class ReadSlice(Message, frozen=True):
     The plane is one of the level's grid, and the plan of step F of the scene that the colours are of.
     """
 
-    probe: ProbeId
+    question: QuestionId
     assignment: AssignmentId
     plane: SlicePlane
     drawing: Drawing

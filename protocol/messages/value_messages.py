@@ -6,7 +6,7 @@ from msgspec import Meta
 
 from volsplat.protocol.description.volume import LONGEST_AXIS, SCALAR_BYTES
 from volsplat.protocol.description.volume_identity import VolumeIdentity
-from volsplat.protocol.messages.message import Message, ProbeId, asks
+from volsplat.protocol.messages.message import Message, QuestionId, asks
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
 from volsplat.protocol.messages.volume_messages import Path, ScalarType
 
@@ -23,7 +23,7 @@ class VoxelRead(Message, frozen=True):
 
     largest_payload: ClassVar[int] = MOST_SCALARS * max(SCALAR_BYTES.values())
 
-    probe: ProbeId
+    question: QuestionId
     scalar_types: Annotated[list[ScalarType], Meta(max_length=MOST_SCALARS)]
 
     def payload_bytes(self) -> int:
@@ -34,7 +34,7 @@ class VoxelRead(Message, frozen=True):
 class ReadVoxel(Message, frozen=True):
     """Client to map/shade server: what does the file say of this voxel? Answered beside frames and all else."""
 
-    probe: ProbeId
+    question: QuestionId
     path: Path
     identity: VolumeIdentity
     index: tuple[GridPlace, GridPlace, GridPlace]

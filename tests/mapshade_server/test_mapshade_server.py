@@ -202,7 +202,7 @@ def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_pa
 def test_a_probe_of_another_assignment_is_refused_by_its_number(bench: Bench, shells: Path) -> None:
     geometry = bench.holds(shells, 1)
     refused = bench.refuses(probe(geometry, SCENE, assignment=2))
-    assert (refused.probe, refused.frame) == (1, 0) and "probe 1 is for assignment 2, not 1" in refused.cause
+    assert (refused.question, refused.frame) == (1, 0) and "question 1 is for assignment 2, not 1" in refused.cause
     bench.control.send(probe(geometry, SCENE))
     assert bench.hears(messages.VoxelProbed)
 

@@ -39,18 +39,18 @@ from support.messages.message_samples import GEOMETRY, IDENTITY, IN_SLABS, QUANT
 from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
-    Answer,
     CutOff,
     EndFrame,
     Event,
     FailSession,
     FrameAsked,
+    GiveAnswer,
     Instruction,
     MessageReceived,
     NobodyJoined,
     PartialImageAsked,
     PlaneAsked,
-    ProbeAsked,
+    PointAsked,
     PublishImage,
     ReportLoss,
     Send,
@@ -816,11 +816,11 @@ def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
 # -- probes
 
 NEAR, FAR = messages.ProbedVoxel((1, 2, 9), 7.0, 0.5), messages.ProbedVoxel((1, 2, 1), 8.0, 0.25)  # k rises to the eye
-PROBE = ProbeAsked(5, SCENE, 12.5, 7.25)
+POINT = PointAsked(5, SCENE, 12.5, 7.25)
 
 
-def seen(server: int, voxel: messages.ProbedVoxel | None = None, probe: int = 5) -> MessageReceived:
-    return said(server, messages.VoxelProbed(probe, voxel))
+def seen(server: int, voxel: messages.ProbedVoxel | None = None, question: int = 5) -> MessageReceived:
+    return said(server, messages.VoxelProbed(question, voxel))
 
 
 @pytest.mark.parametrize("first_found", [None, FAR, NEAR])
@@ -829,22 +829,22 @@ def test_a_probe_asks_all_and_takes_the_front_most(
     first_found: messages.ProbedVoxel | None, second_found: messages.ProbedVoxel | None
 ) -> None:
     coordinator = drawing()
-    asked = coordinator.handle(PROBE)
+    asked = coordinator.handle(POINT)
     assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
     assert coordinator.handle(seen(FIRST, first_found)) == []
     found = (first_found, second_found)
     front = NEAR if NEAR in found else FAR if FAR in found else None
-    assert coordinator.handle(seen(SECOND, second_found)) == [Answer(5, front)]
+    assert coordinator.handle(seen(SECOND, second_found)) == [GiveAnswer(5, front)]
 
 
 def test_probes_may_overtake_each_other() -> None:
     coordinator = drawing()
-    coordinator.handle(PROBE)
-    coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
-    coordinator.handle(seen(FIRST, probe=6))
-    assert coordinator.handle(seen(SECOND, probe=6)) == [Answer(6, None)]
+    coordinator.handle(POINT)
+    coordinator.handle(PointAsked(6, SCENE, 1.0, 1.0))
+    coordinator.handle(seen(FIRST, question=6))
+    assert coordinator.handle(seen(SECOND, question=6)) == [GiveAnswer(6, None)]
     coordinator.handle(seen(SECOND, FAR))
-    assert coordinator.handle(seen(FIRST)) == [Answer(5, FAR)]
+    assert coordinator.handle(seen(FIRST)) == [GiveAnswer(5, FAR)]
 
 
 def test_a_probe_by_numbers_that_nothing_can_be_computed_with_is_refused_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -854,21 +854,21 @@ def test_a_probe_by_numbers_that_nothing_can_be_computed_with_is_refused_alone(m
     coordinator = drawing()
     with monkeypatch.context() as patch:
         patch.setattr(coordinator.holding, "wanted", wanted)
-        (refused,) = coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
-    assert isinstance(refused, Answer) and refused.probe == 6 and isinstance(refused.error, BadInput)
-    assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+        (refused,) = coordinator.handle(PointAsked(6, SCENE, 1.0, 1.0))
+    assert isinstance(refused, GiveAnswer) and refused.question == 6 and isinstance(refused.error, BadInput)
+    assert sent(coordinator.handle(POINT)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
 
 
 def test_a_probe_waits_until_the_voxels_are_packed() -> None:
     coordinator = surveyed()
-    assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
+    assert sent(coordinator.handle(POINT)) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
     assert sent(packed(coordinator)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
 
 
 def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    asked = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
+    asked = coordinator.handle(PointAsked(5, narrow, 1.0, 1.0))
     assert sent(asked) == [(FIRST, messages.ReadSubCubes), (SECOND, messages.ReadSubCubes)]
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
     for server in (FIRST, SECOND):
@@ -880,14 +880,14 @@ def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
 
 def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     coordinator = drawing()
-    coordinator.handle(PROBE)
+    coordinator.handle(POINT)
     coordinator.handle(seen(SECOND, FAR))
     told = coordinator.handle(ServerLost(FIRST, GONE))
-    assert not any(isinstance(one, Answer) for one in told)
+    assert not any(isinstance(one, GiveAnswer) for one in told)
     read_ahead(coordinator, told)
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert (SECOND, messages.ProbeVoxels) in sent(told)
-    assert coordinator.handle(seen(SECOND, NEAR)) == [Answer(5, NEAR)]
+    assert coordinator.handle(seen(SECOND, NEAR)) == [GiveAnswer(5, NEAR)]
 
 
 def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
@@ -902,7 +902,7 @@ def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
     assert (SECOND, messages.ReadSlice) in sent(told)
     assert coordinator.handle(late) == []
     (answer,) = coordinator.handle(said(SECOND, messages.SliceRead(5, 2, [whole]), bytes(8 * 72)))
-    assert isinstance(answer, Answer) and isinstance(answer.found, VolumeSlice) and answer.found.held.all()
+    assert isinstance(answer, GiveAnswer) and isinstance(answer.found, VolumeSlice) and answer.found.held.all()
 
 
 def test_a_slice_that_a_server_makes_larger_than_it_is_costs_that_server_its_place() -> None:
@@ -919,7 +919,7 @@ def test_counts_of_the_plane_are_summed_and_asked_anew_after_a_loss() -> None:
     threes, fours = (struct.pack("<Q", count) + bytes(8 * 65535) for count in (3, 4))
     assert coordinator.handle(said(FIRST, messages.PlaneCounted(5, 1), threes)) == []
     (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(5, 1), fours))
-    assert isinstance(answer, Answer) and isinstance(answer.found, PlaneCounts)
+    assert isinstance(answer, GiveAnswer) and isinstance(answer.found, PlaneCounts)
     assert (answer.found.counts[0], answer.found.voxels) == (7, 7)
 
     coordinator.handle(PlaneAsked(6, SCENE))
@@ -929,7 +929,7 @@ def test_counts_of_the_plane_are_summed_and_asked_anew_after_a_loss() -> None:
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
     assert (SECOND, messages.CountPlane) in sent(told)
     (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(6, 2), threes))
-    assert isinstance(answer, Answer) and isinstance(answer.found, PlaneCounts) and answer.found.voxels == 3
+    assert isinstance(answer, GiveAnswer) and isinstance(answer.found, PlaneCounts) and answer.found.voxels == 3
 
 
 def test_a_server_that_counts_more_voxels_than_there_can_be_costs_its_place() -> None:
@@ -943,18 +943,18 @@ def test_a_server_that_counts_more_voxels_than_there_can_be_costs_its_place() ->
 
 def test_a_failed_session_ends_all_probes() -> None:
     coordinator = drawing()
-    coordinator.handle(PROBE)
+    coordinator.handle(POINT)
     told = [*coordinator.handle(ServerLost(SPLAT, "the splat server is gone")), *coordinator.handle(NOBODY)]
-    (answer,) = [i for i in told if isinstance(i, Answer)]
+    (answer,) = [i for i in told if isinstance(i, GiveAnswer)]
     assert isinstance(answer.error, PeerLost)
-    assert coordinator.handle(PROBE) == [answer]
+    assert coordinator.handle(POINT) == [answer]
 
 
 def test_a_refused_probe_ends_alone() -> None:
     coordinator = drawing()
-    coordinator.handle(PROBE)
-    (answer,) = coordinator.handle(said(FIRST, messages.Refused("ProbeVoxels", "no memory", probe=5)))
-    assert isinstance(answer, Answer) and str(answer.error) == "no memory"
+    coordinator.handle(POINT)
+    (answer,) = coordinator.handle(said(FIRST, messages.Refused("ProbeVoxels", "no memory", question=5)))
+    assert isinstance(answer, GiveAnswer) and str(answer.error) == "no memory"
     assert coordinator.handle(seen(SECOND, FAR)) == []
     assert coordinator.failure is None
 
@@ -1138,17 +1138,17 @@ def test_a_frame_by_rules_that_a_volume_was_not_prepared_with_ends_alone() -> No
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(1.0, 9.0)))
     (ended,) = coordinator.handle(FrameAsked(1, narrow, Step.F, require_complete=True))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "--window 1,9" in str(ended.error)
-    (answer,) = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
-    assert isinstance(answer, Answer) and isinstance(answer.error, BadInput)
+    (answer,) = coordinator.handle(PointAsked(5, narrow, 1.0, 1.0))
+    assert isinstance(answer, GiveAnswer) and isinstance(answer.error, BadInput)
     assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, require_complete=True))) == [0, 1, 2]
 
 
 def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:
     coordinator = opened_store()
-    assert levels_opened(coordinator.handle(ProbeAsked(5, zoomed(0.5), 1.0, 1.0))) == [1, 2]
+    assert levels_opened(coordinator.handle(PointAsked(5, zoomed(0.5), 1.0, 1.0))) == [1, 2]
     (ask, _) = [i.message for i in packed(coordinator) if isinstance(i, Send)]
     assert isinstance(ask, messages.ProbeVoxels) and ask.drawing.level == 1
-    asked = coordinator.handle(ProbeAsked(6, zoomed(4.0), 1.0, 1.0))
+    asked = coordinator.handle(PointAsked(6, zoomed(4.0), 1.0, 1.0))
     assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
 
 

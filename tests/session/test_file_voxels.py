@@ -11,8 +11,14 @@ import pytest
 from support.files.head_volume import head, skin
 from support.messages.coordinated import FIRST, SECOND, SPLAT, WHOLE, drawing, opened_store, said, sent, surveyed
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import Answer, Instruction, NobodyJoined, ServerLost, VoxelAsked
-from volsplat.client.coordinator.file_voxels import MOST_WAITING
+from volsplat.client.coordinator.coordinator_events import (
+    FileVoxelAsked,
+    GiveAnswer,
+    Instruction,
+    NobodyJoined,
+    ServerLost,
+)
+from volsplat.client.coordinator.file_voxel_questions import MOST_WAITING
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.file_voxel import FileVoxel
@@ -22,13 +28,13 @@ from volsplat.protocol.text.errors import BadInput, PeerLost
 
 __all__ = ["head"]
 
-LOW, HIGH = VoxelAsked(3, (1, 2, 0)), VoxelAsked(4, (1, 2, 9))  # of the first server and of the second
+LOW, HIGH = FileVoxelAsked(3, (1, 2, 0)), FileVoxelAsked(4, (1, 2, 9))  # of the first server and of the second
 READ = messages.VoxelRead(3, ["int16"]), (-8882).to_bytes(2, "little", signed=True)
-TOLD = Answer(3, FileVoxel(-8882, None, ("int16",)))
+TOLD = GiveAnswer(3, FileVoxel(-8882, None, ("int16",)))
 
 
-def answers(told: list[Instruction]) -> list[Answer]:
-    return [one for one in told if isinstance(one, Answer)]
+def answers(told: list[Instruction]) -> list[GiveAnswer]:
+    return [one for one in told if isinstance(one, GiveAnswer)]
 
 
 def test_the_server_that_holds_a_voxel_is_asked_for_it_whatever_else_goes_on() -> None:
@@ -36,7 +42,7 @@ def test_the_server_that_holds_a_voxel_is_asked_for_it_whatever_else_goes_on() -
         assert sent(coordinator.handle(LOW)) == [(FIRST, messages.ReadVoxel)]
         assert sent(coordinator.handle(HIGH)) == [(SECOND, messages.ReadVoxel)]
         assert coordinator.handle(said(FIRST, *READ)) == [TOLD]
-        assert coordinator.handle(said(SECOND, messages.VoxelRead(4, []))) == [Answer(4, None)]
+        assert coordinator.handle(said(SECOND, messages.VoxelRead(4, []))) == [GiveAnswer(4, None)]
 
 
 def test_of_a_volume_that_only_comes_whole_one_server_reads_all_that_is_asked() -> None:
@@ -48,28 +54,28 @@ def test_of_a_volume_that_only_comes_whole_one_server_reads_all_that_is_asked() 
 
 
 def test_a_prepared_volume_has_no_file() -> None:
-    assert opened_store().handle(LOW) == [Answer(3, None)]
+    assert opened_store().handle(LOW) == [GiveAnswer(3, None)]
 
 
 def test_a_slow_server_is_asked_for_no_more_than_some() -> None:
     coordinator = drawing()
     for number in range(MOST_WAITING):
-        assert sent(coordinator.handle(replace(LOW, probe=number + 1))) == [(FIRST, messages.ReadVoxel)]
-    assert coordinator.handle(replace(LOW, probe=99)) == [Answer(99, None)]
-    assert sent(coordinator.handle(replace(HIGH, probe=100))) == [(SECOND, messages.ReadVoxel)]
+        assert sent(coordinator.handle(replace(LOW, question=number + 1))) == [(FIRST, messages.ReadVoxel)]
+    assert coordinator.handle(replace(LOW, question=99)) == [GiveAnswer(99, None)]
+    assert sent(coordinator.handle(replace(HIGH, question=100))) == [(SECOND, messages.ReadVoxel)]
     coordinator.handle(said(FIRST, *READ))
-    assert sent(coordinator.handle(replace(LOW, probe=101))) == [(FIRST, messages.ReadVoxel)]
+    assert sent(coordinator.handle(replace(LOW, question=101))) == [(FIRST, messages.ReadVoxel)]
 
 
 def test_a_refusal_ends_one_and_a_loss_all_that_this_server_was_to_tell() -> None:
     coordinator = drawing()
-    for asked in (LOW, HIGH, replace(LOW, probe=5)):
+    for asked in (LOW, HIGH, replace(LOW, question=5)):
         coordinator.handle(asked)
-    (refused,) = coordinator.handle(said(FIRST, messages.Refused("ReadVoxel", "it was changed", probe=5)))
-    assert isinstance(refused, Answer) and isinstance(refused.error, BadInput) and refused.probe == 5
-    assert answers(coordinator.handle(ServerLost(FIRST, "gone"))) == [Answer(3, None)]
-    assert coordinator.handle(said(SECOND, messages.VoxelRead(4, []))) == [Answer(4, None)]
-    assert coordinator.handle(replace(LOW, probe=6)) == [Answer(6, None)], "until others hold it"
+    (refused,) = coordinator.handle(said(FIRST, messages.Refused("ReadVoxel", "it was changed", question=5)))
+    assert isinstance(refused, GiveAnswer) and isinstance(refused.error, BadInput) and refused.question == 5
+    assert answers(coordinator.handle(ServerLost(FIRST, "gone"))) == [GiveAnswer(3, None)]
+    assert coordinator.handle(said(SECOND, messages.VoxelRead(4, []))) == [GiveAnswer(4, None)]
+    assert coordinator.handle(replace(LOW, question=6)) == [GiveAnswer(6, None)], "until others hold it"
 
 
 def test_a_failed_session_ends_all() -> None:

@@ -78,7 +78,7 @@ def test_every_message_between_client_and_server_is_a_request_or_an_answer(way: 
 @WAYS
 def test_exchanges_are_told_apart_by_ids_alone(way: Way) -> None:
     for kind in EXCHANGES[way].values():
-        assert set(kind.named_by) <= {"frame", "of_frame", "assignment", "probe", "part", "reading"}
+        assert set(kind.named_by) <= {"frame", "of_frame", "assignment", "question", "part", "reading"}
 
 
 def test_a_trace_may_be_asked_for_while_a_later_frame_is_drawn() -> None:
@@ -122,7 +122,7 @@ def test_nothing_is_answered_unasked_and_nothing_twice(way: Way) -> None:
 def test_a_refusal_ends_the_exchange_that_it_names_and_no_other(way: Way) -> None:
     for request in EXCHANGES[way]:
         asked = SAMPLES[request][0]
-        ids: Any = {key: getattr(asked, key, 0) for key in ("frame", "assignment", "probe")}
+        ids: Any = {key: getattr(asked, key, 0) for key in ("frame", "assignment", "question")}
         refused = messages.Refused(request.__name__, "no", **ids)
         exchanges = Exchanges(way)
         for wrong in (refused, messages.Refused("EndSession", "no"), messages.Refused("\x1b[2J" * 100, "no")):
@@ -225,7 +225,7 @@ def fed(coordinator: CheckedCoordinator, random: Random, events: int) -> None:
         server = random.choice(list(coordinator.servers.joined))
         kinds = answers(CLIENT_TO_SPLAT if server == SPLAT else CLIENT_TO_MAPSHADE) | {messages.Refused}
         message, payload = SAMPLES[random.choice(sorted(kinds, key=lambda kind: kind.__name__))]
-        for key in ("frame", "assignment", "probe"):
+        for key in ("frame", "assignment", "question"):
             if key in message.__struct_fields__:
                 message = msgspec.structs.replace(message, **{key: random.randint(0, 3)})
         try:

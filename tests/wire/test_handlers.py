@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import get_args
 
 import pytest
@@ -31,9 +32,12 @@ LACKING = [
 
 
 def without(owner: type, kind: type) -> type:
-    """The class but for its method that takes this."""
-    kept = {name: method for name, method in vars(owner).items() if kind not in getattr(method, "takes", {})}
-    return type(owner.__name__, (), {name: method for name, method in kept.items() if hasattr(method, "takes")})
+    """A class whose methods take what the owner's do, but for this."""
+    methods = {name: method for name, method in vars(owner).items() if hasattr(method, "takes")}
+    taken = {
+        name: {one: method.takes[one] for one in method.takes if one is not kind} for name, method in methods.items()
+    }
+    return type(owner.__name__, (), {name: SimpleNamespace(takes=kinds) for name, kinds in taken.items()})
 
 
 @pytest.mark.parametrize(("kinds", "owners", "kind"), LACKING, ids=lambda value: getattr(value, "__name__", ""))

@@ -305,10 +305,10 @@ def _render_frame(plan: FramePlan, cut: int, *others: Any) -> messages.RenderFra
 
 
 def _probe_voxels(
-    situation: tuple[Scene, Geometry], probe: int, assignment: int, x: float, y: float, *rules: Any
+    situation: tuple[Scene, Geometry], question: int, assignment: int, x: float, y: float, *rules: Any
 ) -> messages.ProbeVoxels:
     line, drawing = line_of_sight(*situation, x, y), Drawing(sight_plan(*situation), *rules)
-    return messages.ProbeVoxels(probe, assignment, line, drawing)
+    return messages.ProbeVoxels(question, assignment, line, drawing)
 
 
 STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {

@@ -28,8 +28,8 @@ from support.messages.coordinated import (
 from support.patience import wait_until
 from volsplat.client import Session
 from volsplat.client.coordinator.coordinator_events import (
-    Answer,
     FolderAsked,
+    GiveAnswer,
     NobodyJoined,
     ServerLost,
     ServerProcessEnded,
@@ -57,20 +57,20 @@ LISTED = messages.FolderListed(3, [], 0)
 def test_a_server_is_asked_whatever_else_goes_on_and_its_answer_is_given_once() -> None:
     for coordinator in (surveyed(), drawing()):
         assert sent(coordinator.handle(ASKED)) == [(FIRST, messages.ListFolder)]
-        assert coordinator.handle(said(FIRST, LISTED)) == [Answer(3, LISTED)]
+        assert coordinator.handle(said(FIRST, LISTED)) == [GiveAnswer(3, LISTED)]
         assert coordinator.handle(said(FIRST, LISTED)) == []
 
 
 def test_a_refusal_ends_one_question_and_a_loss_all_that_this_server_was_to_tell() -> None:
     coordinator = drawing()
     for number in range(MOST_WAITING):
-        coordinator.handle(replace(ASKED, probe=number + 1))
-    (busy,) = coordinator.handle(replace(ASKED, probe=99))
-    assert isinstance(busy, Answer) and "still busy" in str(busy.error)
-    (refused,) = coordinator.handle(said(FIRST, messages.Refused("ListFolder", "no folder", probe=1)))
-    assert isinstance(refused, Answer) and isinstance(refused.error, BadInput) and refused.probe == 1
-    ended = [one for one in coordinator.handle(ServerLost(FIRST, "gone")) if isinstance(one, Answer)]
-    assert [one.probe for one in ended] == list(range(2, MOST_WAITING + 1))
+        coordinator.handle(replace(ASKED, question=number + 1))
+    (busy,) = coordinator.handle(replace(ASKED, question=99))
+    assert isinstance(busy, GiveAnswer) and "still busy" in str(busy.error)
+    (refused,) = coordinator.handle(said(FIRST, messages.Refused("ListFolder", "no folder", question=1)))
+    assert isinstance(refused, GiveAnswer) and isinstance(refused.error, BadInput) and refused.question == 1
+    ended = [one for one in coordinator.handle(ServerLost(FIRST, "gone")) if isinstance(one, GiveAnswer)]
+    assert [one.question for one in ended] == list(range(2, MOST_WAITING + 1))
     assert all(isinstance(one.error, PeerLost) for one in ended)
     assert sent(coordinator.handle(ASKED)) == [(SECOND, messages.ListFolder)]
 
@@ -80,11 +80,11 @@ def test_while_servers_are_waited_for_questions_wait_for_the_first_that_can_answ
     assert coordinator.handle(ASKED) == []
     told = [one for event in joins(*JOINED) for one in sent(coordinator.handle(event))]
     assert told.count((FIRST, messages.ListFolder)) == 1 and (SECOND, messages.ListFolder) not in told
-    assert coordinator.handle(said(FIRST, LISTED)) == [Answer(3, LISTED)]
+    assert coordinator.handle(said(FIRST, LISTED)) == [GiveAnswer(3, LISTED)]
     alone = CheckedCoordinator()
     alone.handle(ASKED)
     told_of = alone.handle(ServerProcessEnded("nothing starts here"))
-    (ended,) = (one for one in told_of if isinstance(one, Answer))
+    (ended,) = (one for one in told_of if isinstance(one, GiveAnswer))
     assert isinstance(ended.error, PeerLost)
 
 
@@ -93,7 +93,7 @@ def test_a_failed_session_ends_all_questions() -> None:
     coordinator.handle(ASKED)
     coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
     told = coordinator.handle(NobodyJoined("no other has joined"))
-    (ended,) = (one for one in told if isinstance(one, Answer))
+    (ended,) = (one for one in told if isinstance(one, GiveAnswer))
     assert isinstance(ended.error, PeerLost) and coordinator.handle(ASKED) == [ended]
 
 

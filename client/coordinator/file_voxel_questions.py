@@ -5,7 +5,13 @@ What cannot be told soon is not told: nobody draws by it, and who looks at a vox
 
 from collections import Counter
 
-from volsplat.client.coordinator.coordinator_events import Answer, Instruction, MessageReceived, Send, VoxelAsked
+from volsplat.client.coordinator.coordinator_events import (
+    FileVoxelAsked,
+    GiveAnswer,
+    Instruction,
+    MessageReceived,
+    Send,
+)
 from volsplat.client.coordinator.open_questions import AskedOfOne
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.volume_holding import VolumeHolding
@@ -18,27 +24,27 @@ from volsplat.protocol.text.errors import BadInput
 MOST_WAITING = 8  # for one server, which reads one after the other
 
 
-class FileVoxels(AskedOfOne):
+class FileVoxelQuestions(AskedOfOne):
     """Of whatever holds the volume."""
 
     def __init__(self, holding: VolumeHolding) -> None:
         super().__init__()
         self._holding = holding
 
-    @takes(VoxelAsked)
-    def _ask(self, event: VoxelAsked) -> list[Instruction]:
+    @takes(FileVoxelAsked)
+    def _ask(self, event: FileVoxelAsked) -> list[Instruction]:
         holding = self._holding
         assert holding.volume is not None, "who asks knows the volume"
         try:
             check_is_voxel(event.index, holding.description.geometry.dims)
         except BadInput as error:
-            return [Answer(event.probe, error=error)]
+            return [GiveAnswer(event.question, error=error)]
         server, volume = self._teller(event.index), holding.source
         if server is None or volume is None:
-            return [Answer(event.probe)]
-        self._open[event.probe] = server
+            return [GiveAnswer(event.question)]
+        self._open[event.question] = server
         path, identity = volume
-        return [Send(server, ReadVoxel(probe=event.probe, path=path, identity=identity, index=event.index))]
+        return [Send(server, ReadVoxel(question=event.question, path=path, identity=identity, index=event.index))]
 
     def _teller(self, index: Index) -> int | None:
         """Who holds the voxel; of a volume that only comes whole the first one, so that one reads it alone."""
@@ -54,7 +60,7 @@ class FileVoxels(AskedOfOne):
     @takes(VoxelRead, *SURVEYED_PHASES)
     def _read(self, message: VoxelRead, event: MessageReceived) -> list[Instruction]:
         told = FileVoxel.of_bytes(message.scalar_types, event.payload) if message.scalar_types else None
-        return self._answer(message.probe, told)
+        return self._answer(message.question, told)
 
     def lost(self, server: int) -> list[Instruction]:
         """Nothing more will come from this server."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from volsplat.client.coordinator.coordinator_events import Found, PlaneAsked, ProbeAsked, SliceAsked
+from volsplat.client.coordinator.coordinator_events import Found, PlaneAsked, PointAsked, SliceAsked
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
@@ -26,10 +26,10 @@ from volsplat.protocol.rules.line_of_sight import line_of_sight, sight_plan
 from volsplat.protocol.rules.slice_plane import level_plane
 from volsplat.protocol.rules.traversal import Traversal
 
-Asked = ProbeAsked | SliceAsked | PlaneAsked
+Asked = PointAsked | SliceAsked | PlaneAsked
 
 
-class Probe(Protocol):
+class VoxelQuestion(Protocol):
     """One of them, on its way."""
 
     pending: set[int] | None  # servers that were asked and have not answered; None before
@@ -55,16 +55,16 @@ class Probe(Protocol):
 
 
 @dataclass
-class PointProbe:
+class PointQuestion:
     """The front-most visible voxel at a point of the image."""
 
-    asked: ProbeAsked
+    asked: PointAsked
     traversal: Traversal
     pending: set[int] | None = None
     voxels: list[ProbedVoxel] = field(default_factory=list)
 
     @classmethod
-    def of(cls, asked: ProbeAsked, geometry: Geometry) -> PointProbe:
+    def of(cls, asked: PointAsked, geometry: Geometry) -> PointQuestion:
         """Of a scene that is settled. Raises ValueError if it does not fit the volume."""
         plan = sight_plan(asked.scene, geometry)
         line_of_sight(asked.scene, geometry, asked.x, asked.y).check(plan)
@@ -79,7 +79,7 @@ class PointProbe:
         asked, geometry, resolution = self.asked, holding.description.geometry, holding.finest()
         plan = sight_plan(asked.scene, geometry, resolution)
         return ProbeVoxels(
-            probe=asked.probe,
+            question=asked.question,
             assignment=holding.assignment,
             line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
             drawing=Drawing.of(asked.scene, plan, geometry, holding.packing.quantisation, resolution.level),
@@ -98,7 +98,7 @@ class PointProbe:
 
 
 @dataclass
-class SliceProbe:
+class SliceQuestion:
     """A slice, from all who hold a part of it."""
 
     asked: SliceAsked
@@ -107,7 +107,7 @@ class SliceProbe:
     assignment: int = 0  # by which it was asked for
 
     @classmethod
-    def of(cls, asked: SliceAsked, geometry: Geometry) -> SliceProbe:
+    def of(cls, asked: SliceAsked, geometry: Geometry) -> SliceQuestion:
         """Of a scene that is settled. Raises ValueError if it does not fit the volume."""
         level_plane(geometry.dims, (1, 1, 1), asked.axis, asked.index, asked.longest)
         plan_frame(asked.scene, geometry, Step.F)
@@ -123,7 +123,7 @@ class SliceProbe:
         plane = level_plane(drawing.geometry.dims, factors, asked.axis, asked.index, asked.longest)
         self.slice, self.assignment = VolumeSlice.empty(plane, factors, drawing.quantisation), holding.assignment
         return ReadSlice(
-            probe=asked.probe,
+            question=asked.question,
             assignment=holding.assignment,
             plane=plane,
             drawing=drawing,
@@ -141,7 +141,7 @@ class SliceProbe:
 
 
 @dataclass
-class PlaneProbe:
+class PlaneQuestion:
     """How many voxels have each density with each strength, from all who hold some: whole numbers, so that it matters
     not how the volume is divided.
     """
@@ -157,7 +157,7 @@ class PlaneProbe:
 
     def request(self, holding: VolumeHolding) -> CountPlane:
         self.assignment = holding.assignment
-        return CountPlane(self.asked.probe, holding.assignment, holding.finest().level)
+        return CountPlane(self.asked.question, holding.assignment, holding.finest().level)
 
     def answered_by(self, message: Message) -> bool:
         return isinstance(message, PlaneCounted) and message.assignment == self.assignment
@@ -169,15 +169,15 @@ class PlaneProbe:
         self.counts = PlaneCounts()
 
 
-def probe_for(asked: Asked, volume: SurveyedVolume) -> Probe:
+def question_for(asked: Asked, volume: SurveyedVolume) -> VoxelQuestion:
     """Raises BadInput if what is asked for does not fit the volume."""
     geometry = volume.description.geometry
     with computable():
         settled = replace(asked, scene=volume.settled(asked.scene))
         match settled:
-            case ProbeAsked():
-                return PointProbe.of(settled, geometry)
+            case PointAsked():
+                return PointQuestion.of(settled, geometry)
             case SliceAsked():
-                return SliceProbe.of(settled, geometry)
+                return SliceQuestion.of(settled, geometry)
             case PlaneAsked():
-                return PlaneProbe(settled)
+                return PlaneQuestion(settled)
