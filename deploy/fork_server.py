@@ -20,11 +20,13 @@ from importlib import import_module
 
 import msgspec
 
+from volsplat.deploy.process_end import NEVER_BEGAN
 from volsplat.deploy.server_command import Program
 from volsplat.program.many_imports import many_imports
 
 STDIN = 0
 LINE_BYTES = 1 << 16  # read at once
+NO_PROCESS = 0  # the id of none
 
 
 class Start(msgspec.Struct, tag=True):
@@ -104,7 +106,12 @@ class ForkServer:
 
     def _is_server(self) -> bool:
         """Fork; in the new process everything is let go that is the fork server's."""
-        process = os.fork()
+        try:
+            process = os.fork()
+        except OSError:
+            self._tell(Started(NO_PROCESS))
+            self._tell(Ended(NO_PROCESS, NEVER_BEGAN))
+            return False
         if process:
             self._running.add(process)
             self._tell(Started(process))

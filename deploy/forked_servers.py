@@ -16,10 +16,10 @@ import msgspec
 from volsplat.deploy.fork_server import Ended, Lines, Signal, Start, Started
 from volsplat.deploy.process_end import WITH_ITS_STARTER
 from volsplat.deploy.server_command import Program
+from volsplat.program.blas_threads import NO_MORE_THREADS
 
 FORK_SERVER = "volsplat.deploy.fork_server"
 COMMAND: tuple[str, ...] = (sys.executable, "-m", FORK_SERVER)
-ALONE = {"OPENBLAS_NUM_THREADS": "1"}  # a process with threads is not forked; servers have threads of their own
 
 
 class ForkedServer:
@@ -80,7 +80,7 @@ class ForkedServers:
             threading.Thread(target=self._hear, name="hear the fork server", daemon=True).start()
             self._process = subprocess.Popen(
                 [*COMMAND, *modules],
-                env=os.environ | ALONE,
+                env=os.environ | NO_MORE_THREADS,
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,

@@ -83,9 +83,8 @@ class LocalServers:
         status = process.wait()
         again = self._started_again(place, status)
         another = "; another one is started in its place" if again else ""
-        self._on_end(
-            f"the {place.program.title} (process {process.pid}) {told_end(status)}{another}", _name(process), again
-        )
+        which = f" (process {process.pid})" if process.pid else ""
+        self._on_end(f"the {place.program.title}{which} {told_end(status)}{another}", _name(process), again)
 
     def _started_again(self, place: _Place, status: int) -> bool:
         with self._lock:

@@ -2,7 +2,11 @@
 
 import signal
 
-WITH_ITS_STARTER = 256  # which no process can end with: it was ended once the process that starts servers had
+from volsplat.protocol.text.want_of_threads import CURE
+
+# Which no process can end with:
+WITH_ITS_STARTER = 256  # it was ended once the process that starts servers had
+NEVER_BEGAN = 257  # the system has no process left to give
 
 HINTS = {
     signal.SIGKILL: "by hand, or by the system for want of memory",
@@ -14,11 +18,13 @@ HINTS = {
 
 
 def told_end(status: int) -> str:
-    """What `subprocess` gives as return code, or WITH_ITS_STARTER, in words that follow the program's name."""
+    """What `subprocess` gives as return code, or one of the two above, in words that follow the program's name."""
     if status == 0:
         return "ended by itself"
     if status == WITH_ITS_STARTER:
         return "was ended, since the process that starts servers had ended"
+    if status == NEVER_BEGAN:
+        return f"could not be started: {CURE}"
     if status > 0:
         return f"ended with status {status}; its own output tells why"
     try:

@@ -6,7 +6,7 @@ import errno
 from collections.abc import Iterator
 from traceback import walk_tb
 
-from volsplat.protocol.text.want_of_threads import CURE, NO_THREAD, is_want_of_threads
+from volsplat.protocol.text.want_of_threads import CURE, NO_THREAD, is_want_of_processes, is_want_of_threads
 
 _FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", NO_THREAD, "bad_alloc")
 _SHARED_OBJECTS = (".so", ".dylib")
@@ -16,7 +16,7 @@ def load_failure(error: BaseException) -> str | None:
     """The cause and the cure if memory does not suffice or a library could not be loaded, else None."""
     for cause in _causes(error):
         said = str(cause).strip().partition("\n")[0]
-        if is_want_of_threads(cause):
+        if is_want_of_threads(cause) or is_want_of_processes(cause):
             return CURE
         if isinstance(cause, MemoryError) or _for_want_of_memory(cause, said):
             for_what = " to load a library" if _while_importing(cause) else ""

@@ -11,6 +11,7 @@ from contextlib import suppress
 from io import TextIOWrapper
 from typing import NoReturn
 
+from volsplat.program.blas_threads import NO_MORE_THREADS
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED, status_of
 
 COMPLETION = "_VOLSPLAT_COMPLETE"  # set by the shell that asks what a word may become
@@ -20,6 +21,7 @@ def main() -> NoReturn:
     """Run a sub-command and exit with its status."""
     # Until there is something to clean up, Ctrl-C ends the process at once and without a word.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.environ.update(NO_MORE_THREADS)
     sys.exit(_status())
 
 

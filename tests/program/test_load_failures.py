@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import importlib
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +37,34 @@ def test_want_of_memory_is_told_whatever_it_is_wrapped_into() -> None:
 
     processes = load_failure(RuntimeError("can't start new thread"))
     assert processes is not None and "`ulimit -u`" in processes
+
+
+ANOTHER_USER = (  # of whom root's limits hold, and who may read what is root's
+    *("setpriv", "--reuid=54321", "--regid=54321", "--clear-groups"),
+    *("--inh-caps=+dac_override", "--ambient-caps=+dac_override"),
+)
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 12])
+def test_want_of_processes_is_told_in_one_line_and_never_as_an_interruption(
+    volume: Path, tmp_path: Path, limit: int
+) -> None:
+    user = () if os.geteuid() else ANOTHER_USER
+    needed = [*user, "prlimit", f"--nproc={limit}"]
+    if shutil.which("prlimit") is None or (
+        user and (not shutil.which(user[0]) or subprocess.run([*user, "true"]).returncode)
+    ):
+        pytest.skip("this needs prlimit, and if you are root setpriv, which may become another user")
+    done = subprocess.run(
+        [*needed, VOLSPLAT, "render", volume, "-o", "x.png", "--workers", "1"],
+        cwd=tmp_path,
+        env=Person(tmp_path).environment,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=PATIENCE,
+    )
+    assert done.returncode in (1, 2) and "Traceback" not in done.stderr and "interrupted" not in done.stderr
+    assert "`ulimit -u`" in done.stderr and "process 0" not in done.stderr
 
 
 def test_a_server_that_gets_no_thread_refuses_with_the_cure_and_no_traceback(caplog: pytest.LogCaptureFixture) -> None:
