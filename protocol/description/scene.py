@@ -233,6 +233,7 @@ class Light(Part, frozen=True):
                 "cast shadows", step=0.05, tip="in step G, how dark the shadows are that the volume throws on itself"
             ),
             UNIT_INTERVAL,
+            slabs_alone=True,
         ),
     ] = 0.0
     occlusion: Annotated[
@@ -241,6 +242,7 @@ class Light(Part, frozen=True):
             "In step G, how much darker is what opaque matter surrounds: ambient occlusion. Other steps ignore it.",
             Slide("occlusion", step=0.05, tip="in step G, how dark hollows are: ambient occlusion"),
             UNIT_INTERVAL,
+            slabs_alone=True,
         ),
     ] = 0.0
     depth_cue: Annotated[
@@ -249,6 +251,7 @@ class Light(Part, frozen=True):
             "In step G, how much darker the farthest place is than the nearest. Other steps ignore it.",
             Slide("depth cue", step=0.05, tip="in step G, how much darker the farthest place is than the nearest"),
             UNIT_INTERVAL,
+            slabs_alone=True,
         ),
     ] = 0.0
     silhouettes: Annotated[
@@ -257,6 +260,7 @@ class Light(Part, frozen=True):
             "In step G, how much darker surfaces are where they turn away from the viewer. Other steps ignore it.",
             Slide("silhouettes", step=0.05, tip="in step G, how dark surfaces are where they turn away from you"),
             UNIT_INTERVAL,
+            slabs_alone=True,
         ),
     ] = 0.0
 
@@ -380,6 +384,7 @@ class Reconstruction(Part, frozen=True):
             Slide("slab", step=0.05, tip="in voxels, from one plane of step G to the next"),
             Limits(0.25, 2.0),
             "voxels",
+            slabs_alone=True,
         ),
     ] = 1.0
     slab_kernel: Annotated[
@@ -388,6 +393,7 @@ class Reconstruction(Part, frozen=True):
             "The shape of the kernel of step G. The last three have weights below 0 as well, and blur least: balanced"
             " is between blur\nand ringing, the other two are sharper still.",
             Menu("slab kernel"),
+            slabs_alone=True,
         ),
     ] = SlabKernel.BALANCED
 

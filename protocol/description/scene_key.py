@@ -80,13 +80,17 @@ Widget = Switch | Buttons | Menu | Slide | Swatch | PartOf
 
 
 class Key(NamedTuple):
-    """`allowed` tells what may stand there if type, limits and unit do not, with its unit."""
+    """`allowed` tells what may stand there if type, limits and unit do not, with its unit.
+
+    A key of `slabs_alone` changes nothing in the steps that reconstruct without slabs.
+    """
 
     meaning: str
     widget: Widget
     limits: Limits | None = None  # of the number, or of each number
     unit: str = ""
     allowed: str = ""
+    slabs_alone: bool = False
 
 
 class Section(NamedTuple):

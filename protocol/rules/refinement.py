@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-import msgspec
-
-from volsplat.protocol.description.scene import Scene, SlabKernel, Step
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene_keys import KEYS
 
 
 @dataclass(frozen=True)
@@ -95,15 +94,8 @@ def distinct_steps(scene: Scene) -> list[Step]:
 
 def drawn_alike(scene: Scene, other: Scene) -> bool:
     """Whether they have the same pictures up to the finest step, however they differ in what step G alone obeys."""
-    return _without_slabs(scene) == _without_slabs(other)
-
-
-def _without_slabs(scene: Scene) -> Scene:
-    if STEP_RULES[finest_step(scene)].slabs:
-        return scene
-    light = msgspec.structs.replace(scene.light, shadows=0.0, occlusion=0.0, depth_cue=0.0, silhouettes=0.0)
-    kernel = msgspec.structs.replace(scene.reconstruction, slab=1.0, slab_kernel=SlabKernel.BALANCED)
-    return msgspec.structs.replace(scene, light=light, reconstruction=kernel)
+    slabs = STEP_RULES[finest_step(scene)].slabs
+    return all(key.of(scene) == key.of(other) for key in KEYS.values() if slabs or not key.told.slabs_alone)
 
 
 def _emits_nothing(scene: Scene) -> bool:

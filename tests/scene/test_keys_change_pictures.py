@@ -109,5 +109,14 @@ def test_each_key_changes_the_picture(single: SingleProcess, scene: Scene, place
     assert not alike, f"{place} = {other.value} changes nothing"
 
 
+def test_the_keys_of_slabs_alone_change_no_other_picture(single: SingleProcess, scene: Scene) -> None:
+    alone = [place for place, key in KEYS.items() if key.told.slabs_alone]
+    assert alone == [place for place, other in OTHERS.items() if other.step is Step.G]
+    changed = scene
+    for place in alone:
+        changed = KEYS[place].put(changed, msgspec.convert(OTHERS[place].value, KEYS[place].declared.kind))
+    assert picture(single, changed, Step.F) == picture(single, scene, Step.F)
+
+
 def test_no_key_is_forgotten_here() -> None:
     assert set(OTHERS) | set(NOT_IN_A_PICTURE) == set(KEYS)

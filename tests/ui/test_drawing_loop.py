@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -25,7 +25,7 @@ from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.picture_encoding import encoded
-from volsplat.client.ui.viewing.running_step import progress
+from volsplat.client.ui.viewing.running_step import Progress, progress
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.step_states import step_title
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
@@ -49,6 +49,7 @@ class Drawn:
         self._pictures: queue.SimpleQueue[Picture | VolsplatError] = queue.SimpleQueue()
         self.loop = DrawingLoop(session, self.model, self._pictures.put, self._pictures.put)
         self.firsts: list[Picture] = []
+        self._events = 0
         self.loop.tell_first(self.firsts.append)
         self.loop.start()
 
@@ -70,12 +71,15 @@ class Drawn:
         return pictures
 
     def zoom_by(self, factor: float, *, settled: bool) -> None:
+        """As a pointer does."""
+
         def zoomed(scene: Scene) -> Scene:
             assert isinstance(scene.view.zoom, float)
             view = msgspec.structs.replace(scene.view, zoom=scene.view.zoom * factor)
             return msgspec.structs.replace(scene, view=view)
 
-        self.model.change(zoomed, settled=settled)
+        self._events += 1
+        self.model.change(zoomed, settled=settled, event=self._events)
 
 
 @pytest.fixture
@@ -196,6 +200,10 @@ def test_what_step_g_alone_obeys_leaves_a_finished_picture_up_to_f(drawn: Drawn)
         thinner = msgspec.structs.replace(scene.reconstruction, slab=0.5)
         return msgspec.structs.replace(scene, light=light, reconstruction=thinner)
 
+    # While a hand is at it nothing is drawn, and the step stays finished.
+    drawn.model.change(with_shadows, settled=False)
+    wait_until(lambda: not drawn.loop._something_to_do() and not drawn.loop.drawing, "done with the moving scene")
+    assert progress(shown, drawn.model.now, Step.A) == Progress(running=None, finished=Step.F)
     drawn.model.change(with_shadows)
     (again,) = drawn.last()
     assert again.published is shown.published and again.state.scene == drawn.model.scene

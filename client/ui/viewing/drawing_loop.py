@@ -185,11 +185,23 @@ class DrawingLoop:
             self._changed.wait(ABORT_SECONDS)  # it misses what is asked for only then
 
     def _draw_moving(self, state: SceneState) -> None:
-        """One picture, perhaps smaller than the scene's: the page shows it as large."""
+        """One picture, perhaps smaller than the scene's: the page shows it as large; none if the last one stands."""
+        if self._still_last(state):
+            return
         rung = self.pacing.while_moving(state.scene)
         scene, step = scaled(state.scene, rung.share), rung.step
         for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), thinning=rung.left_out):
             self._publish(state, refinement, rung)
+
+    def _still_last(self, state: SceneState) -> bool:
+        """Whether what is shown is the last picture of this scene, too. Events of pointers are told with a new one."""
+        shown = self._shown
+        return (
+            shown is not None
+            and shown.last
+            and shown.state.events == state.events
+            and drawn_alike(shown.state.scene, state.scene)
+        )
 
     def _refine(self, state: SceneState) -> None:
         shown, finest = self._shown, finest_step(state.scene)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.rules.refinement import distinct_steps, finest_step
+from volsplat.protocol.rules.refinement import distinct_steps, drawn_alike, finest_step
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Progress:
 
 def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> Progress:
     """How far the refinement of `state` is, by the newest picture. `while_moving` is drawn of a scene not settled."""
-    if picture is None or picture.state.scene != state.scene:
+    if picture is None or not drawn_alike(picture.state.scene, state.scene):
         return Progress(running=Step.A if state.settled else while_moving, finished=None)
     steps = distinct_steps(state.scene)
     if not picture.complete or (state.settled and not picture.whole):
