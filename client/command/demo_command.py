@@ -58,7 +58,7 @@ def demo(output: Path) -> None:
     ]
     write_contact_sheet(output / SHEET, pictures, title="volsplat: successive refinement of the head phantom")
     write_report(output / "report.json", report)
-    console.print(step_table(report))
+    console.print(step_table(report, scene))
     console.say(f"Look at {output / SHEET}; the six images beside it are step-A.png to step-F.png.")
 
 

@@ -17,7 +17,7 @@ from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import MapShadeStats, SlabStages, SplatStats
-from volsplat.protocol.rules.refinement import PAPER_STEPS
+from volsplat.protocol.rules.refinement import PAPER_STEPS, active_shading, coarser, same_picture
 
 # Seconds for the steps A to F, from the paper's "Timing Tests": a CT of 96 x 128 x 113 voxels.
 PAPER_SECONDS = {
@@ -28,6 +28,7 @@ PAPER_SECONDS = {
     "4 Sun-4": (3, 11, 89, 108, 112, 116),
 }
 
+# What each step adds, as in the paper, whose light joins at E.
 STEP_WORDS = {
     Step.A: "1/4",
     Step.B: "1/2",
@@ -126,7 +127,23 @@ def write_report(path: Path, report: FrameReport) -> None:
         file.write(text)
 
 
-def step_table(report: FrameReport) -> Table:
+def step_words(scene: Scene, step: Step) -> list[str]:
+    """What a step adds to the step before, and which light joins there; nothing if it has the same picture."""
+    before = coarser(step)
+    if before is not None and same_picture(scene, before, step):
+        return []
+    words = [] if step in (Step.E, Step.F) else [STEP_WORDS[step]]
+    return words + _joining_light(scene, before, step)
+
+
+def _joining_light(scene: Scene, before: Step | None, step: Step) -> list[str]:
+    now, then = active_shading(scene, step), None if before is None else active_shading(scene, before)
+    diffuse = now.diffuse and not (then is not None and then.diffuse)
+    specular = now.specular and not (then is not None and then.specular)
+    return ["diffuse"] * diffuse + ["specular"] * specular
+
+
+def step_table(report: FrameReport, scene: Scene) -> Table:
     """The steps' figures (map/shade of the slowest server, memory of the largest process) over the paper's."""
     steps = {step.step: step for step in report.steps}
     i, j, k = report.volume.dims
@@ -138,7 +155,7 @@ def step_table(report: FrameReport) -> Table:
     table.caption = "The paper's seconds are for a CT of 96 x 128 x 113 voxels."
     table.add_column("", no_wrap=True)
     for letter in shown:
-        table.add_column(f"{letter.value}\n{STEP_WORDS[letter]}", justify="right", no_wrap=True)
+        table.add_column("\n".join([letter.value, *step_words(scene, letter)]), justify="right", no_wrap=True)
     rows: dict[str, Callable[[StepReport], str]] = {
         "seconds": lambda s: f"{s.wall_seconds:.3f}",
         "  map/shade": lambda s: f"{s.map_shade_seconds_slowest:.3f}",

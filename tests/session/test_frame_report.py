@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.frame_report import PAPER_SECONDS, FrameReport, report_of, step_table, write_report
 from volsplat.client.session.renderer import StepOutcome
@@ -16,12 +17,14 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.scene import PaperStep, Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.messages.messages import ImageRead, LinkStats, MapShadeStats, RawPixels, SlabStages, SplatStats
 from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput
 
+SCENE = preset_scene("ct-skin")
 VOLUME = SurveyedVolume(
     description=VolumeDescription(
         name="head.nrrd", format="NRRD", geometry=Geometry(dims=(96, 128, 113)), scalar_type="uint8"
@@ -74,7 +77,7 @@ def outcome(step: Step) -> StepOutcome:
 
 
 def report(*steps: Step) -> FrameReport:
-    return report_of(VOLUME, preset_scene("ct-skin"), [outcome(step) for step in steps])
+    return report_of(VOLUME, SCENE, [outcome(step) for step in steps])
 
 
 def test_each_link_has_its_bytes_and_waits() -> None:
@@ -106,12 +109,12 @@ def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
 def test_splatting_is_told_stage_by_stage_in_step_g_alone() -> None:
     f, g = report(Step.F, Step.G).steps
     assert (f.slabs, g.slabs) == (None, SlabStages(0.25, 0.125, 0.1875, 0.0625))
-    names, *columns = (list(column.cells) for column in step_table(report(Step.F, Step.G)).columns)
+    names, *columns = (list(column.cells) for column in step_table(report(Step.F, Step.G), SCENE).columns)
     in_f, in_g = (dict(zip(names, column, strict=True)) for column in columns[-2:])
     stages = ["   adding", "   densities", "   shading", "   compositing", "   publishing"]
     assert [in_g[stage] for stage in stages] == ["0.250", "0.125", "0.188", "0.062", "0.125"]
     assert [in_f[stage] for stage in stages] == [""] * 5 and in_f["  splat"] == in_g["  splat"] == "0.750"
-    assert not set(stages) & set(step_table(report(Step.F)).columns[0].cells)
+    assert not set(stages) & set(step_table(report(Step.F), SCENE).columns[0].cells)
 
 
 def test_every_process_tells_its_peak_memory() -> None:
@@ -146,7 +149,7 @@ def test_a_report_that_cannot_be_written_is_refused_in_one_line(tmp_path: Path) 
 @pytest.mark.parametrize("steps", [(), (Step.C,), tuple(Step)])
 def test_the_table_shows_the_steps_beside_the_papers_figures(steps: tuple[Step, ...]) -> None:
     console = Console(file=io.StringIO(), width=80)
-    console.print(step_table(report(*steps)))
+    console.print(step_table(report(*steps), SCENE))
     assert isinstance(console.file, io.StringIO)
     text = console.file.getvalue()
     for machine, seconds in PAPER_SECONDS.items():
@@ -155,3 +158,15 @@ def test_the_table_shows_the_steps_beside_the_papers_figures(steps: tuple[Step, 
     assert max(len(line) for line in text.splitlines()) <= 80
     assert text.count("1.500") == len(steps)
     assert text.count("0.003 M") == len(steps)
+
+
+@pytest.mark.parametrize(
+    ("lit", "heads"),
+    [
+        (PaperStep.E, ["A\n1/4", "B\n1/2", "C\nfull", "D\nkernel", "E\ndiffuse", "F\nspecular"]),
+        (PaperStep.C, ["A\n1/4", "B\n1/2", "C\nfull\ndiffuse\nspecular", "D\nkernel", "E", "F"]),
+    ],
+)
+def test_the_table_says_at_which_step_the_scene_is_lit(lit: PaperStep, heads: list[str]) -> None:
+    table = step_table(report(*PAPER_STEPS), lit_from(SCENE, lit))
+    assert [column.header for column in table.columns[1:]] == heads

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from volsplat.client.session.frame_report import STEP_WORDS
+from volsplat.client.session.frame_report import step_words
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.rules.refinement import active_shading, coarser, same_picture
+from volsplat.protocol.rules.refinement import coarser
 
 
 def step_letters() -> list[str]:
@@ -20,18 +20,8 @@ def step_letters() -> list[str]:
 
 def step_title(scene: Scene, step: Step) -> str:
     """What a step of this scene is, and which light joins there."""
-    before = coarser(step)
-    if before is not None and same_picture(scene, before, step):
-        return f"step {step}: the same picture as step {before}"
-    words = [] if step in (Step.E, Step.F) else [STEP_WORDS[step]]
-    return f"step {step}: {', '.join(words + _joining_light(scene, before, step))}"
-
-
-def _joining_light(scene: Scene, before: Step | None, step: Step) -> list[str]:
-    now, then = active_shading(scene, step), None if before is None else active_shading(scene, before)
-    diffuse = now.diffuse and not (then is not None and then.diffuse)
-    specular = now.specular and not (then is not None and then.specular)
-    return ["diffuse"] * diffuse + ["specular"] * specular
+    words = step_words(scene, step)
+    return f"step {step}: {', '.join(words) if words else f'the same picture as step {coarser(step)}'}"
 
 
 @dataclass(frozen=True)
