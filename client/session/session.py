@@ -17,16 +17,12 @@ import threading
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from volsplat.client.caller.arguments import (
-    checked_axis,
     checked_bytes,
-    checked_count,
     checked_index,
     checked_number,
-    checked_place,
     checked_scene,
     checked_step,
     checked_steps,
@@ -39,17 +35,14 @@ from volsplat.client.coordinator.coordinator_events import (
     FileVoxelAsked,
     FolderAsked,
     Found,
-    PlaneAsked,
-    PointAsked,
     Question,
-    SliceAsked,
     VolumeAsked,
 )
 from volsplat.client.coordinator.server_states import ServerState
-from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_images import AskedImages
+from volsplat.client.session.checked_renderer import CheckedRenderer
 from volsplat.client.session.coordination import Coordination
 from volsplat.client.session.renderer import (
     ALL_STEPS,
@@ -59,7 +52,6 @@ from volsplat.client.session.renderer import (
 )
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.session.session_servers import asked_servers
-from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -82,7 +74,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-class Session:
+class Session(CheckedRenderer):
     """A volume held by map/shade servers, and drawn by splat servers that share out the image.
 
     `volume` is a path as the servers see it, or an array or image in memory, which servers of this machine share. With
@@ -220,14 +212,6 @@ class Session:
         """A scene chosen from the data."""
         return self.volume.default_scene()
 
-    def render(self, scene: Scene, step: Step | str = Step.F) -> Tensor:
-        """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
-
-        Raises BadInput if the scene does not fit the volume or torch is not installed, PeerLost if a server is gone
-        and with it a part of the volume, and FrameGivenUp if a newer frame took its place.
-        """
-        return self.finish(scene, step).image
-
     def finish(self, scene: Scene, step: Step | str = Step.F) -> Refinement:
         """As `render`, with what it took."""
         self._check_has_volume()
@@ -261,44 +245,6 @@ class Session:
         steps, thinning = checked_steps(exact, "exact"), checked_thinning(thinning)
         self._check_has_volume()
         return self._opened_by.checked(self._images.refine(scene, first, last, interval, steps, thinning))
-
-    def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
-        """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.
-
-        x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The image need not
-        be drawn, and a frame that runs goes on.
-        Raises BadInput if the scene does not fit the volume, and PeerLost if nothing can be drawn any more.
-        """
-        scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
-        found = self._ask_about(lambda number: PointAsked(number, scene, x, y)).result()
-        assert found is None or isinstance(found, messages.ProbedVoxel), "nothing else was asked for"
-        return found
-
-    def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
-        """What the servers hold of a slice across "i", "j" or "k", with the colours that the scene gives its voxels.
-
-        At most `longest` samples lie along a side. No image need be drawn, and a frame that runs goes on. What no
-        server holds any more is missing from it.
-        Raises BadInput if the volume has no such slice, and PeerLost if nothing can be drawn any more.
-        """
-        return self._slice(checked_scene(scene), axis, index, longest)
-
-    def _slice(self, scene: Scene, axis: str, index: int, longest: int, as_packed: bool = False) -> VolumeSlice:
-        across, index, longest = checked_axis(axis), checked_place(index, "index"), checked_count(longest, "longest")
-        found = self._ask_about(lambda number: SliceAsked(number, scene, across, index, longest, as_packed)).result()
-        assert isinstance(found, VolumeSlice), "a slice was asked for"
-        return found
-
-    def plane_counts(self, scene: Scene) -> PlaneCounts:
-        """How many voxels have each density with each strength, in the scene's window: the 2-D histogram.
-
-        They are those that servers hold, which of a prepared volume are those of a level. Frames that run go on.
-        Raises BadInput for a window without a scale, and PeerLost if nothing can be drawn any more.
-        """
-        scene = checked_scene(scene)
-        found = self._ask_about(lambda number: PlaneAsked(number, scene)).result()
-        assert isinstance(found, PlaneCounts), "counts were asked for"
-        return found
 
     def slice(self, axis: str, index: int) -> Tensor:
         """The densities of a slice across "i", "j" or "k", float32 in the data's units; NaN where there are none.
@@ -341,6 +287,9 @@ class Session:
         found = self._coordination.ask(lambda number: FolderAsked(number, seen, folder, words)).result()
         assert isinstance(found, messages.FolderListed), "it is listed, or an error says why not"
         return found
+
+    def _found(self, asked: Callable[[int], Question]) -> Found:
+        return self._ask_about(asked).result()
 
     def _ask_about(self, question: Callable[[int], Question]) -> Future[Found]:
         """Where the answer will be to a question, given its number."""
@@ -402,11 +351,3 @@ class Session:
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a session belongs to the process that opened it and cannot be copied or pickled; open another")
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -10,16 +10,13 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from volsplat.client.caller.arguments import (
-    checked_axis,
     checked_bytes,
     checked_count,
     checked_index,
     checked_number,
-    checked_place,
     checked_scene,
     checked_step,
     checked_steps,
@@ -33,20 +30,17 @@ from volsplat.client.coordinator.coordinator_events import (
     FrameOutcome,
     Instruction,
     MessageReceived,
-    PlaneAsked,
-    PointAsked,
     ReportProgress,
     Send,
-    SliceAsked,
 )
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.running_frame import progress_words
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.voxel_question_kinds import Asked, question_for
-from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import volume_in_memory
+from volsplat.client.session.checked_renderer import CheckedRenderer
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
     ALL_STEPS,
@@ -58,7 +52,6 @@ from volsplat.client.session.renderer import (
     StepOutcome,
     refined,
 )
-from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.single_frame import note_frame
 from volsplat.client.volume.computable import computable
@@ -78,14 +71,13 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
-from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.slabs import slabs_of
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    pass
 
 WORKER = 1  # the one map/shade "server"
 ASKED = 1  # the one question: it is answered before the next one is asked
@@ -108,7 +100,7 @@ class _Begun:
     planned: float
 
 
-class SingleProcess:
+class SingleProcess(CheckedRenderer):
     """A volume held and drawn by this process alone: the same images as a Session's, bit for bit.
 
     Any thread may call its methods. Of several that want a finished image each gets its own, one after another.
@@ -164,10 +156,6 @@ class SingleProcess:
         """Why this level of a prepared volume is held, once something was drawn of it; "" if there is only one."""
         return self._why_level
 
-    def render(self, scene: Scene, step: Step | str = Step.F) -> Tensor:
-        """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput, also without torch."""
-        return self.finish(scene, step).image
-
     def finish(self, scene: Scene, step: Step | str = Step.F) -> Refinement:
         """As `render`, with what it took."""
         scene, step = checked_scene(scene), checked_step(step)
@@ -211,12 +199,6 @@ class SingleProcess:
         except Superseded:
             return
 
-    def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
-        """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
-        found = self._found(PointAsked(ASKED, checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")))
-        assert found is None or isinstance(found, messages.ProbedVoxel), "nothing else was asked for"
-        return found
-
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
         index, source = checked_index(index), self._holding.source
@@ -232,23 +214,9 @@ class SingleProcess:
         assert isinstance(told, messages.VoxelRead)
         return FileVoxel.of_bytes(told.scalar_types, memoryview(b"".join(payload))) if told.scalar_types else None
 
-    def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
-        """A slice across "i", "j" or "k", in the scene's colours; see Session. Raises BadInput."""
-        scene, across = checked_scene(scene), checked_axis(axis)
-        index, longest = checked_place(index, "index"), checked_count(longest, "longest")
-        found = self._found(SliceAsked(ASKED, scene, across, index, longest))
-        assert isinstance(found, VolumeSlice), "a slice was asked for"
-        return found
-
-    def plane_counts(self, scene: Scene) -> PlaneCounts:
-        """How many voxels have each density with each strength; see Session. Raises BadInput."""
-        found = self._found(PlaneAsked(ASKED, checked_scene(scene)))
-        assert isinstance(found, PlaneCounts), "counts were asked for"
-        return found
-
-    def _found(self, asked: Asked) -> Found:
+    def _found(self, asked: Callable[[int], Asked]) -> Found:
         """What the voxels tell that are held for the scene. Raises BadInput."""
-        question = question_for(asked, self.volume)
+        question = question_for(asked(ASKED), self.volume)
         with self._drawing, computable():
             self._packed(question.asked.scene, Step.F)
             request = question.request(self._holding)
@@ -404,11 +372,3 @@ class SingleProcess:
         self._owners.close()
         if self._tracer is not None:
             self._tracer.close()
-
-    def __enter__(self) -> SingleProcess:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
