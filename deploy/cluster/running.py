@@ -3,7 +3,6 @@
 import math
 import socket
 import threading
-import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, wait
@@ -15,6 +14,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from volsplat.deploy.cluster.lasting_clock import Moment
 from volsplat.deploy.cluster.orders import everywhere_for, orders_of, wanted_servers
 from volsplat.deploy.cluster.state import ClusterState, KnownServer, MachinesFailed, StateFolder
 from volsplat.deploy.cluster_file import BY_HAND, Cluster, cluster_from_toml, read_cluster_text
@@ -282,15 +282,15 @@ class RunningCluster:
             cluster = cluster_from_toml(state.file, str(self.path))
             self._check_is_here(state, cluster)
             failed = self._stop(cluster, state.servers, report)
-            now = time.time()
-            since = {number: min(state.not_ended_since.get(number, now), now) for number in failed}
-            left = {number: cluster.keep - (now - since[number]) for number in failed}
+            now = Moment.now()
+            known = {number: state.not_ended_since.get(number, now) for number in failed}
+            since = {number: moment if moment.until(now) else now for number, moment in known.items()}
+            left = {number: cluster.keep - since[number].until(now) for number in failed}
             due = {number: seconds for number, seconds in left.items() if seconds > 0}
+            queued = {number: _unless_queued(cluster, state, number) for number in failed}
             for number in left.keys() - due.keys():
-                of_machine = [one.started for one in state.servers if one.machine == number]
-                queued = cancelling(cluster.machines[number], of_machine)
-                unless = f", but for those that it has not begun yet; end these by: {queued}" if queued else ""
-                report(f"{failed[number]}; its servers have ended by themselves, after {cluster.keep:g} s{unless}")
+                line = f"{failed[number]}; its servers have ended by themselves, after {cluster.keep:g} s"
+                report(line + queued[number])
             if not due:
                 self.folder.forget()
                 return
@@ -299,6 +299,7 @@ class RunningCluster:
         raise BadInput(
             f"not everything is down: {'; '.join(failed[number] for number in due)}; run it again when they answer, or "
             f"in {math.ceil(max(due.values()))} s: their servers have ended by themselves then"
+            + "".join(queued[number] for number in due)
         )
 
     def _stop(
@@ -323,6 +324,13 @@ class RunningCluster:
 
     def _launcher(self, cluster: Cluster, number: int) -> Launcher:
         return launcher_of(cluster.machines[number], self.folder.path)
+
+
+def _unless_queued(cluster: Cluster, state: ClusterState, number: int) -> str:
+    """Which servers of a machine may begin only once others have ended by themselves; empty where none may."""
+    machine = cluster.machines[number]
+    command = cancelling(machine, [one.started for one in state.servers if one.machine == number])
+    return f", but for those that {machine.title} has not begun yet; end these by: {command}" if command else ""
 
 
 def _on_all(machines: list[int], act: Callable[[int], Result], may_be_left: bool = False) -> dict[int, Result | Failed]:

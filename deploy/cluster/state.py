@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from volsplat.deploy.cluster.lasting_clock import Moment
 from volsplat.deploy.launchers.launcher import StartedServer
 from volsplat.deploy.private_file import write_private
 from volsplat.deploy.server_command import Program
@@ -37,7 +38,7 @@ class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     mark: str = ""  # tells it from the same cluster brought up at another time
     host: str = ""  # the machine whose servers those of the launcher `local` are
     servers: tuple[KnownServer, ...] = ()
-    not_ended_since: dict[int, float] = {}  # time.time() of the first `down` to which a machine did not answer
+    not_ended_since: dict[int, Moment] = {}  # of the first `down` to which a machine did not answer
 
     @property
     def can_draw(self) -> bool:

@@ -1,15 +1,17 @@
 """A cluster of which a machine is gone, or cannot be found: the others are brought up, told apart and brought down."""
 
 import os
+import time
 from pathlib import Path
 
 import msgspec
 import psutil
 import pytest
 
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file, servers_of, sshd
 from support.programs.programs import Person
+from volsplat.deploy.cluster.lasting_clock import Moment
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.protocol.text.errors import BadInput
 
@@ -38,6 +40,37 @@ def test_a_machine_that_is_gone_for_good_keeps_nobody_from_the_others(person: Pe
     assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
+def test_a_clock_that_leaps_makes_no_server_end_sooner(
+    person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does a machine that is started anew, whose clock begins again."""
+    keep = 1000
+    with sshd(tmp_path / "gone") as ssh:
+        path = cluster_file(
+            person.folder, f"leaps-{os.getpid()}", BOTH_KINDS, f"{ssh}map-shade-servers = 1\n", keep=keep
+        )
+        assert person.runs("deploy", "up", str(path)).returncode == 0
+    cluster = RunningCluster(path)
+    with pytest.raises(BadInput, match="not everything is down"):
+        cluster.down(print)
+    monkeypatch.setattr(time, "time", lambda: time.time_ns() / 1e9 + 100 * keep)
+    with pytest.raises(BadInput, match="not everything is down"):
+        cluster.down(print)
+    state = cluster.folder.load()
+    assert state is not None
+    before = Moment("another", -keep)
+    cluster.folder.save(msgspec.structs.replace(state, not_ended_since=dict.fromkeys(state.not_ended_since, before)))
+    with pytest.raises(BadInput, match=f"in {keep} s"):
+        cluster.down(print)
+
+
+def test_only_time_of_one_run_of_the_machine_has_passed_for_certain() -> None:
+    earlier, later = Moment("a", 5.0), Moment("a", 7.0)
+    assert earlier.until(later) == 2.0 and later.until(earlier) == 0.0
+    assert earlier.until(Moment("b", 7.0)) == 0.0
+    assert 0.0 <= Moment.now().until(Moment.now()) < PATIENCE
+
+
 def test_jobs_that_may_wait_still_are_named_with_the_command_that_ends_them(
     person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -60,7 +93,8 @@ def test_jobs_that_may_wait_still_are_named_with_the_command_that_ends_them(
         return ran.returncode == 0
 
     wait_until(is_forgotten, "forgotten")
-    assert "that it has not begun yet; end these by: scancel 4711 4711" in " ".join(downs[-1].split()), downs
+    for said in downs:  # before `keep` has passed, and after
+        assert "that slurm has not begun yet; end these by: scancel 4711 4711" in " ".join(said.split()), downs
 
 
 def test_servers_that_nobody_has_heard_of_are_not_said_to_be_up(person: Person, tmp_path: Path) -> None:
@@ -115,7 +149,9 @@ def test_servers_that_another_command_has_ended_are_not_started_anew(person: Per
         with pytest.raises(BadInput, match="another command has brought it down"):
             drawing.up_anew(state, [name], print)
         assert drawing.state() == another
-        drawing.folder.save(msgspec.structs.replace(another, not_ended_since={0: 1.0}))  # a `down` that did not do
+        drawing.folder.save(
+            msgspec.structs.replace(another, not_ended_since={0: Moment.now()})
+        )  # a `down` that did not do
         with pytest.raises(BadInput, match="another command has brought it down"):
             drawing.up_anew(another, [name], print)
         drawing.folder.save(another)
