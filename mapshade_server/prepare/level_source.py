@@ -11,7 +11,7 @@ from volsplat.protocol.description.volume import Box, Index
 
 
 class LevelSource:
-    """A grid of values in a raw file, written and read by boxes."""
+    """A grid of values in a raw file, written by boxes and called to read one."""
 
     def __init__(self, path: Path, dims: Index, scalar_type: str) -> None:
         self._dtype = np.dtype(scalar_type)
@@ -19,7 +19,7 @@ class LevelSource:
         self._path = path
         self._voxels = StoredVoxels(path, dims, self._dtype, (Piece(path, dims[2]),))
 
-    def read(self, box: Box) -> Voxels:
+    def __call__(self, box: Box) -> Voxels:
         return self._voxels.read(box)
 
     def write(self, box: Box, values: Voxels) -> None:

@@ -5,8 +5,7 @@ the files that blocks share. Whatever is done twice, because a machine was lost 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Generic
+from functools import partial
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.sheet_reader import SheetReader, Sheets
@@ -32,53 +31,42 @@ class Machines:
 
     def check(self, reads_volume: bool) -> None:
         """Raises BadInput if one of those that are there does not share the disk, or has no such volume."""
-        self._pool.on_each(CheckTask(self._mark, self._volume if reads_volume else None), self._progress.check_wanted)
+        self._pool.on_each(
+            partial(check_process, self._mark, self._volume if reads_volume else None), self._progress.check_wanted
+        )
 
     def reached(self, volume: Scalars) -> Scalars:
         return shared_scalars(self._volume, volume)
 
     def of_sheets(self, find: Callable[[Sheets], Found], reader: SheetReader) -> Iterator[Found]:
-        for found in self._pool.results(SheetsTask(find, reader), list(_parts(reader)), self._progress.check_wanted):
+        for found in self._pool.results(
+            partial(_of_part, find, reader), list(_parts(reader)), self._progress.check_wanted
+        ):
             yield from found
 
     def stored_blocks(self, packer: LevelPacker, writer: StoreWriter, blocks: Sequence[Box]) -> Iterator[StoredBlock]:
-        return self._pool.results(StoringTask(packer, writer, self._mark), blocks, self._progress.check_wanted)
+        return self._pool.results(partial(_stored, packer, writer, self._mark), blocks, self._progress.check_wanted)
 
     def checksums(self, writer: StoreWriter, places: Sequence[ShardPlace]) -> Iterator[tuple[ShardPlace, int | None]]:
         return self._pool.results(writer.read_checksum, places, self._progress.check_wanted)
 
 
-@dataclass(frozen=True)
-class CheckTask:
-    mark: RunMark
-    volume: SharedVolume | None
-
-    def __call__(self) -> None:
-        self.mark.check()
-        if self.volume is not None:
-            self.volume.scalars()
+def check_process(mark: RunMark, volume: SharedVolume | None) -> None:
+    """Raises BadInput if this process does not share the disk, or has no such volume."""
+    mark.check()
+    if volume is not None:
+        volume.scalars()
 
 
-@dataclass(frozen=True)
-class SheetsTask(Generic[Found]):
-    find: Callable[[Sheets], Found]
-    reader: SheetReader
-
-    def __call__(self, part: Box) -> list[Found]:
-        return [self.find(sheets) for sheets in self.reader.sheets(part)]
+def _of_part(find: Callable[[Sheets], Found], reader: SheetReader, part: Box) -> list[Found]:
+    return [find(sheets) for sheets in reader.sheets(part)]
 
 
-@dataclass(frozen=True)
-class StoringTask:
-    packer: LevelPacker
-    writer: StoreWriter
-    mark: RunMark
-
-    def __call__(self, block: Box) -> StoredBlock:
-        _kernels.give_freed_memory_back()  # as the command's own process does
-        packed = self.packer.packed(block)
-        self.mark.check()
-        return self.packer.stored(packed, self.writer)
+def _stored(packer: LevelPacker, writer: StoreWriter, mark: RunMark, block: Box) -> StoredBlock:
+    _kernels.give_freed_memory_back()  # as the command's own process does
+    packed = packer.packed(block)
+    mark.check()
+    return packer.stored(packed, writer)
 
 
 def _parts(reader: SheetReader) -> Iterator[Box]:

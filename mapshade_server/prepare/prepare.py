@@ -105,7 +105,7 @@ class Preparation:
         self._description = self._reader.describe()
         self._scalars = volume_scalars(self._reader)
         second = self._scalars.second
-        self._second_type = None if second is None else second.read(FIRST_VOXEL).dtype
+        self._second_type = None if second is None else second(FIRST_VOXEL).dtype
         dims, scalar_type = self._description.geometry.dims, self._description.scalar_type
         self._wish = Wish(_source(volume, self._identity), options.window, options.directions, options.layout)
         self._levels = options.layout.levels(self._description.geometry)
@@ -220,8 +220,8 @@ class Preparation:
             geometry,
             self._description.scalar_type,
             source.chunk,
-            source.values.read,
-            None if source.second is None else source.second.read,
+            source.values,
+            source.second,
             source.second_range,
             bytes_at_once=min(BYTES_AT_ONCE, room),
         )
@@ -276,7 +276,7 @@ class Preparation:
                 voxels = stored.besides.box.voxels
                 del stored  # before the next one is made
                 self._progress.advance(voxels * self._item_bytes)
-            whole = extents.read(Box((0, 0, 0), held))
+            whole = extents(Box((0, 0, 0), held))
             writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
             if coarser is not None:
                 writer.write_mixture(n + 1, mixtures.joined())

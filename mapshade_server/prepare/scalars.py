@@ -1,31 +1,12 @@
 """What a level is packed from: values, a second scalar if the volume has one, and gradients if it is a coarser one."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Lock
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from volsplat.mapshade_server.prepare.level_source import LevelSource
-from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, VolumeReader, Voxels
 from volsplat.protocol.description.volume import Box, Index
-
-
-class BoxReader(Protocol):
-    """What one scalar is read from: a volume's reader, or a raw file."""
-
-    def read(self, box: Box) -> Voxels: ...
-
-
-class ReadByTurns:
-    """A volume's voxels for several threads: readers need not bear two at once."""
-
-    def __init__(self, read: Callable[[Box], Voxels], lock: Lock) -> None:
-        self._read = read
-        self._lock = lock
-
-    def read(self, box: Box) -> Voxels:
-        with self._lock:
-            return self._read(box)
 
 
 class BlockScalars(NamedTuple):
@@ -43,16 +24,16 @@ class Scalars:
     Without `gradients` they are taken between the values.
     """
 
-    values: BoxReader
-    second: BoxReader | None
+    values: ReadBox
+    second: ReadBox | None
     second_range: tuple[float, float] | None
     chunk: Index
-    gradients: BoxReader | None = None
+    gradients: ReadBox | None = None
 
     def read(self, box: Box, around: Box) -> BlockScalars:
         """The values of `around`, the rest of `box`: gradients of the values alone need a halo."""
-        second, gradients = (None if one is None else one.read(box) for one in (self.second, self.gradients))
-        return BlockScalars(self.values.read(around), second, gradients)
+        second, gradients = (None if one is None else one(box) for one in (self.second, self.gradients))
+        return BlockScalars(self.values(around), second, gradients)
 
 
 @dataclass(frozen=True)
@@ -73,8 +54,16 @@ class StoredScalars(Scalars):
 
 
 def volume_scalars(reader: VolumeReader) -> Scalars:
-    """Those of a volume's own reader."""
+    """Those of a volume's own reader, for several threads: readers need not bear two at once."""
     lock = Lock()
-    second = None if reader.read_second is None else ReadByTurns(reader.read_second, lock)
+
+    def by_turns(read: ReadBox) -> ReadBox:
+        def read_alone(box: Box) -> Voxels:
+            with lock:
+                return read(box)
+
+        return read_alone
+
+    second = None if reader.read_second is None else by_turns(reader.read_second)
     described = reader.describe()
-    return Scalars(ReadByTurns(reader.read, lock), second, described.second_scalar, described.chunk)
+    return Scalars(by_turns(reader.read), second, described.second_scalar, described.chunk)

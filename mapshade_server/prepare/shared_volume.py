@@ -27,33 +27,22 @@ class SharedVolume:
         with _opening:
             return _opened(self)
 
+    def read(self, box: Box) -> Voxels:
+        return self.scalars().values(box)
+
+    def read_second(self, box: Box) -> Voxels:
+        """Of a volume that has a second scalar."""
+        second = self.scalars().second
+        assert second is not None, "the same volume has the same scalars everywhere"
+        return second(box)
+
 
 @lru_cache(maxsize=1)
 def _opened(volume: SharedVolume) -> Scalars:
     return volume_scalars(described_volume(volume.name, volume.identity))
 
 
-@dataclass(frozen=True)
-class SharedValues:
-    volume: SharedVolume
-
-    def read(self, box: Box) -> Voxels:
-        return self.volume.scalars().values.read(box)
-
-
-@dataclass(frozen=True)
-class SharedSecond:
-    """The second scalar of a volume that has one."""
-
-    volume: SharedVolume
-
-    def read(self, box: Box) -> Voxels:
-        second = self.volume.scalars().second
-        assert second is not None, "the same volume has the same scalars everywhere"
-        return second.read(box)
-
-
 def shared_scalars(volume: SharedVolume, opened: Scalars) -> Scalars:
     """What is `opened` here, as any process reads it."""
-    second = None if opened.second is None else SharedSecond(volume)
-    return Scalars(SharedValues(volume), second, opened.second_range, opened.chunk)
+    second = None if opened.second is None else volume.read_second
+    return Scalars(volume.read, second, opened.second_range, opened.chunk)

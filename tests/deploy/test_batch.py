@@ -3,6 +3,7 @@
 import json
 import signal
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -14,7 +15,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file
 from support.programs.programs import Person
 from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.mapshade_server.prepare.machines import CheckTask
+from volsplat.mapshade_server.prepare.machines import check_process
 from volsplat.mapshade_server.prepare.run_mark import RunMark
 from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.text.errors import BadInput
@@ -136,7 +137,7 @@ def test_the_command_is_ended_by_ctrl_c_and_goes_on(tmp_path: Path, cluster: Pat
 
 
 def test_a_worker_that_shares_no_disk_is_named_before_anything_is_done(pool: TaskPool, tmp_path: Path) -> None:
-    task = CheckTask(RunMark(tmp_path / "elsewhere"), None)
+    task = partial(check_process, RunMark(tmp_path / "elsewhere"), None)
     with pytest.raises(BadInput, match=r"Dask's worker first: .*elsewhere.* is not there; put OUT.zarr where all"):
         pool.on_each(task, lambda: None)
 
