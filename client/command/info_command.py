@@ -8,7 +8,7 @@ import click
 from volsplat.client.command.help_page import helped, volume_argument
 from volsplat.client.session.session import Session
 from volsplat.client.volume.volume_facts import volume_facts
-from volsplat.client.volume.volume_info import TitledPart, VolumeInfo
+from volsplat.client.volume.volume_info import TitledPart, info_text
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -27,7 +27,7 @@ def info(volume: str, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(volume_facts(known, parts), indent=2))
         return
-    PlainConsole().print(VolumeInfo.of(known, parts).text())
+    PlainConsole().print(info_text(known, parts))
 
 
 def _parts(session: Session, volume: str) -> list[TitledPart]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from volsplat.client.scene.contour_scenes import Level, contour_level
+from volsplat.client.scene.contour_scenes import contour_level
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.client.volume.up_guess import StandsUp
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import TABLE_ENTRIES
 from volsplat.protocol.description.volume import VolumeDescription
@@ -41,97 +39,67 @@ class TitledPart(NamedTuple):
     title: str
 
 
-@dataclass(frozen=True)
-class VolumeInfo:
-    """What a person wants to know of a volume before rendering it.
+def info_text(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> Group:
+    """What a person wants to know of a volume before drawing it, for rich's console.
 
-    `density_counts` splits the values' range in survey.ranges into even bins, `strength_counts` that of strengths;
-    `window` is the density window that the servers will use, `strength_scale` their bytes per unit of strength;
-    `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface;
-    `stands_up` which way is up; `parts` what else can be named of the same file.
+    `parts` are what else can be named of the same file.
     """
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, text in info_rows(known, parts):
+        table.add_row(name, Text(text))
+    if not known.has_values:
+        return Group(table)
+    return Group(table, Text(), Text(histogram_text(known.survey, known.density_counts, known.automatic_window)))
 
-    description: VolumeDescription
-    survey: Survey
-    density_counts: list[int]
-    window: tuple[float, float]
-    strength_counts: list[int] | None = None
-    prepared: Prepared | None = None
-    strength_scale: float = 0.0
-    contour: Level | None = None
-    stands_up: StandsUp | None = None
-    parts: Sequence[TitledPart] = ()
 
-    @classmethod
-    def of(cls, known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> VolumeInfo:
-        """With the window and the contour that the data chooses."""
-        return cls(
-            known.description,
-            known.survey,
-            known.density_counts,
-            known.automatic_window,
-            known.strength_counts,
-            known.prepared,
-            known.strength_scale,
-            contour_level(known.subject()) if known.has_values else None,
-            known.stands_up,
-            parts,
-        )
+def info_rows(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> list[tuple[str, str]]:
+    """What each row is about, and what there is to say; several may be about the same."""
+    description, survey, window = known.description, known.survey, known.automatic_window
+    geometry, stands_up = description.geometry, known.stands_up
+    unit = f" {description.unit}" if description.unit else " (the file states no unit)"
+    no_data = f"{survey.no_data} of {survey.voxels} voxels ({survey.no_data / max(survey.voxels, 1):.2%}), never drawn"
+    return [
+        ("volume", f"{description.name} ({description.format})"),
+        *_kind_rows(description),
+        ("dimensions", " x ".join(str(n) for n in geometry.dims) + f" = {math.prod(geometry.dims)} voxels"),
+        ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
+        ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
+        ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
+        ("orientation", orientation_text(description)),
+        ("up", f"{stands_up.up}, {stands_up.why}"),
+        *_axis_rows(description),
+        ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
+        *_value_rows(known),
+        ("NaN", no_data if survey.no_data else "none"),
+        ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255"),
+        ("packet byte 2", description.strength_name + _strength_text(known)),
+        ("servers read", _reading_text(description, known.prepared)),
+        *_part_rows(parts),
+        *((NOTE, warning) for warning in description.warnings),
+    ]
 
-    def text(self) -> Group:
-        """For rich's console, with the histogram drawn in characters."""
-        table = Table(box=None, show_header=False, pad_edge=False)
-        table.add_column(style="bold", no_wrap=True)
-        table.add_column(overflow="fold")
-        for name, text in self.rows():
-            table.add_row(name, Text(text))
-        if self.survey.low > self.survey.high:
-            return Group(table)
-        return Group(table, Text(), Text(histogram_text(self.survey, self.density_counts, self.window)))
 
-    def rows(self) -> list[tuple[str, str]]:
-        """What it is about, and what there is to say; several may be about the same."""
-        description, survey, window = self.description, self.survey, self.window
-        strength = _strength_text(description, survey, self.strength_counts, self.strength_scale)
-        geometry = description.geometry
-        unit = f" {description.unit}" if description.unit else " (the file states no unit)"
-        no_data = (
-            f"{survey.no_data} of {survey.voxels} voxels ({survey.no_data / max(survey.voxels, 1):.2%}), never drawn"
-        )
-        rows = [
-            ("volume", f"{description.name} ({description.format})"),
-            *_kind_rows(description),
-            ("dimensions", " x ".join(str(n) for n in geometry.dims) + f" = {math.prod(geometry.dims)} voxels"),
-            ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
-            ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
-            ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
-            ("orientation", orientation_text(description)),
-            *([("up", f"{self.stands_up.up}, {self.stands_up.why}")] if self.stands_up is not None else []),
-            *_axis_rows(description),
-            ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
-        ]
-        if survey.low > survey.high:
-            rows.append(("range", "no voxel has a value"))
-        else:
-            rows.append(("range", f"{survey.low:.7g} to {survey.high:.7g}"))
-            cuts = percentiles(self.density_counts, survey.ranges.low, survey.ranges.high, PERCENTILES)
-            if "int" in description.scalar_type:
-                cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
-            shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
-            rows.append(("percentiles", shown))
-        if self.contour is not None:
-            rows.append(("contour", f"{self.contour.value:.5g}, {self.contour.told}"))
-        rows.append(("NaN", no_data if survey.no_data else "none"))
-        rows.append(
-            ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
-        )
-        rows.append(("packet byte 2", description.strength_name + strength))
-        rows.append(("servers read", _reading_text(description, self.prepared)))
-        rows += [("part", f"#{one.part}: {one.title}") for one in self.parts[:MOST_PARTS]]
-        if more := len(self.parts[MOST_PARTS:]):
-            rows.append(("part", f"and {more} more, which --json has"))
-        rows += [(NOTE, warning) for warning in description.warnings]
-        return rows
+def _value_rows(known: SurveyedVolume) -> list[tuple[str, str]]:
+    """The values' range and percentiles, and where the default scene has its surface."""
+    survey = known.survey
+    if not known.has_values:
+        return [("range", "no voxel has a value")]
+    cuts = percentiles(known.density_counts, survey.ranges.low, survey.ranges.high, PERCENTILES)
+    if "int" in known.description.scalar_type:
+        cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
+    shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
+    rows = [("range", f"{survey.low:.7g} to {survey.high:.7g}"), ("percentiles", shown)]
+    if (contour := contour_level(known.subject())) is not None:
+        rows.append(("contour", f"{contour.value:.5g}, {contour.told}"))
+    return rows
+
+
+def _part_rows(parts: Sequence[TitledPart]) -> list[tuple[str, str]]:
+    rows = [("part", f"#{one.part}: {one.title}") for one in parts[:MOST_PARTS]]
+    more = len(parts[MOST_PARTS:])
+    return [*rows, ("part", f"and {more} more, which --json has")] if more else rows
 
 
 def _reading_text(description: VolumeDescription, prepared: Prepared | None) -> str:
@@ -171,12 +139,11 @@ def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:
     return rows
 
 
-def _strength_text(
-    description: VolumeDescription, survey: Survey, strength_counts: list[int] | None, scale: float
-) -> str:
+def _strength_text(known: SurveyedVolume) -> str:
     """What the byte stands for: 255 for a percentile of the gradients, and for all that are stronger."""
-    if description.second_scalar is not None:
-        low, high = description.second_scalar
+    survey, scale = known.survey, known.strength_scale
+    if known.description.second_scalar is not None:
+        low, high = known.description.second_scalar
         return f": {low:.6g} becomes 0, {high:.6g} becomes 255"
     if not scale > 0:
         return f", up to {survey.max_gradient:.5g} per unit of length"
@@ -184,8 +151,8 @@ def _strength_text(
     told = f": 0 becomes 0, {full:.5g} per unit of length becomes 255"
     if survey.max_gradient > full:
         told += f", and so do stronger ones, up to {survey.max_gradient:.5g}"
-    if strength_counts and any(strength_counts):
-        half = percentile(strength_counts, 0.0, survey.ranges.max_gradient, 0.5)
+    if any(known.strength_counts):
+        half = percentile(known.strength_counts, 0.0, survey.ranges.max_gradient, 0.5)
         told += f"; half of the voxels are below {half:.3g}"
     return told
 

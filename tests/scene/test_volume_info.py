@@ -1,6 +1,7 @@
 """The text of `volsplat info`."""
 
 import math
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
@@ -8,13 +9,15 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from volsplat.client.scene.contour_scenes import Level
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.volume_info import (
     HISTOGRAM_COLUMNS,
     HISTOGRAM_ROWS,
-    VolumeInfo,
     histogram_text,
+    info_text,
     orientation_text,
 )
+from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
@@ -36,10 +39,22 @@ def description(matrix: Matrix = IDENTITY, anatomical: bool = True, **changes: o
     )
 
 
-def printed(what: VolumeDescription, survey: Survey = SURVEY, counts: list[int] | None = None, **more: object) -> str:
+def printed(
+    what: VolumeDescription,
+    survey: Survey = SURVEY,
+    counts: list[int] | None = None,
+    strength_counts: Sequence[int] = (),
+    strength_scale: float = 0.0,
+    contour: Level | None = None,
+) -> str:
     console = Console(width=120, record=True, file=None, quiet=False)
-    with console.capture() as capture:
-        console.print(VolumeInfo(what, survey, counts or COUNTS, (-500.0, 700.0), **more).text())  # type: ignore[arg-type]
+    extremes = BlockExtremes.nothing(what.geometry.dims)
+    known = SurveyedVolume(what, survey, counts or COUNTS, list(strength_counts), extremes)
+    vars(known).update(automatic_window=(-500.0, 700.0), strength_scale=strength_scale)  # in place of what would follow
+    with console.capture() as capture, pytest.MonkeyPatch.context() as patched:
+        patched.setattr(SurveyedVolume, "subject", lambda known: None)
+        patched.setattr("volsplat.client.volume.volume_info.contour_level", lambda subject: contour)
+        console.print(info_text(known))
     return capture.get()
 
 
