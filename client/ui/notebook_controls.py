@@ -16,7 +16,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.step_states import StepsState, step_letters
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import ColourTable, FinestStep, Scene
+from volsplat.protocol.description.scene import ColourTable, FinestStep, Scene, Step
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
 from volsplat.protocol.text.errors import BadInput
 
@@ -56,7 +56,7 @@ class ControlsTalk:
 
     def begin(self) -> None:
         """Tell all that there is, and from now on what changes."""
-        self._send({"steps": step_letters()})
+        self._send({"steps": step_letters(), "without_g": self._viewing.volume.why_without(Step.G)})
         self._on_scene(self._viewing.model.now)
         self._subscriptions.callback(self._throttle.cancel)
         self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))

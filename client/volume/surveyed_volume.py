@@ -102,13 +102,19 @@ class SurveyedVolume:
 
     def has(self, step: Step) -> bool:
         """Whether there is a picture of a step."""
-        return not STEP_RULES[step].slabs or self._without_between is None
+        return not self.why_without(step)
+
+    def why_without(self, step: Step) -> str:
+        """A line for a person if there is no picture of a step; else ""."""
+        if not STEP_RULES[step].slabs or self._without_between is None:
+            return ""
+        name, what = self.description.name, self._without_between
+        return f"step {step} reconstructs values between voxels, but {name} holds {what}; draw step F"
 
     def check_step(self, step: Step) -> None:
         """Raises BadInput for a step that this volume has no picture of."""
-        if not self.has(step):
-            name, what = self.description.name, self._without_between
-            raise BadInput(f"step {step} reconstructs values between voxels, but {name} holds {what}; draw step F")
+        if why := self.why_without(step):
+            raise BadInput(why)
 
     @cached_property
     def _without_between(self) -> str | None:

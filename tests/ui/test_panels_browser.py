@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import psutil
 import pytest
+import torch
 
 from support.checkout import ROOT
 from support.files.prepared import prepare_small
@@ -32,6 +33,7 @@ from volsplat.client.ui.panels.light_controls import screen_direction
 from volsplat.protocol.description.scene import Bounds, Field, FinestStep, Kernel, Order, Scene, Step
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view
+from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
@@ -590,6 +592,18 @@ def test_at_rest_the_image_refines_to_g_if_that_is_asked_for(tab: Tab) -> None:
     tab.button("roll left", "view").click()
     tab.until(lambda state: state.scene.view != seen and state.finished == Step.G)
     tab.page.wait_for_function("() => document.querySelectorAll('.vs-step.vs-done').length === 7")
+
+
+def test_a_volume_of_labels_cannot_be_refined_to_g_and_says_why(browser_page: Page, tmp_path: Path) -> None:
+    numbers = torch.arange(8**3)
+    labels = torch.where(numbers < 300, 0, numbers % 5).reshape(8, 8, 8).to(torch.uint8)
+    write_volume(tmp_path / "labels.nrrd", labels, Geometry((8, 8, 8)))
+    with served(tmp_path / "labels.nrrd") as (url, _):
+        tab = Tab(browser_page, url).load()
+        assert tab.button("refine to F", "refinement").is_enabled()
+        to_g = tab.button("refine to G", "refinement")
+        assert to_g.is_disabled()
+        assert "labels.nrrd holds the whole numbers 0 to 4" in (to_g.get_attribute("title") or "")
 
 
 def test_one_click_shows_the_papers_order_and_another_the_fastest(tab: Tab) -> None:

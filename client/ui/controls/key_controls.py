@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
 
 from nicegui import ui
 
@@ -18,11 +21,12 @@ from volsplat.protocol.rules.footprint_shape import kernel_radius
 
 # The number that a word stands for, of keys with a slider.
 MEANT_NUMBERS = {"reconstruction.radius": lambda scene: kernel_radius(scene.reconstruction)}
+NONE_REFUSED: Mapping[Any, str] = MappingProxyType({})
 NARROW = 7  # letters of a label that leaves more room to what stands beside it
 
 
-def key_control(editor: SceneEditor, key: SceneKey) -> None:
-    """Build it where the page is being built."""
+def key_control(editor: SceneEditor, key: SceneKey, refused: Mapping[Any, str] = NONE_REFUSED) -> None:
+    """Build it where the page is being built. Buttons of values that are `refused` are off, and tell why."""
     match key.widget:
         case Switch(label, tip):
             switch = ui.switch(label).props("dense").classes("vs-switch")
@@ -33,7 +37,7 @@ def key_control(editor: SceneEditor, key: SceneKey) -> None:
             with ui.element("div").classes("vs-row"):
                 if labelled:
                     row_label(name, tip)
-                toggle = ui.toggle({value: words.get(value, str(value)) for value in key.values})
+                toggle = _Toggle({value: words.get(value, str(value)) for value in key.values}, refused)
                 toggle.props(f'{TOGGLE_PROPS} aria-label="{name}"').classes("vs-toggle")
             choose(editor, toggle, key.of, key.put)
         case Menu(name):
@@ -52,6 +56,21 @@ def key_control(editor: SceneEditor, key: SceneKey) -> None:
             _slide(editor, key, key.widget)
         case PartOf(control):
             raise AssertionError(f"{key.place} is set by the control {control!r} that is made for it")
+
+
+class _Toggle(ui.toggle):
+    """Its buttons of values that are `refused` are off, and tell why."""
+
+    def __init__(self, words: dict[Any, str], refused: Mapping[Any, str]) -> None:
+        self._refused = refused
+        super().__init__(words)
+
+    def _update_options(self) -> None:
+        """NiceGUI makes them anew with each value that it shows."""
+        super()._update_options()
+        for value, option in zip(self._values, self.props["options"], strict=True):
+            if value in self._refused:
+                option |= {"disable": True, "attrs": {"title": self._refused[value]}}
 
 
 def row_label(text: str, tip: str = "") -> None:

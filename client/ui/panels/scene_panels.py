@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from nicegui import ui
 
@@ -18,6 +18,7 @@ from volsplat.client.ui.panels.cross_bar import cross_bar
 from volsplat.client.ui.panels.light_controls import light_controls
 from volsplat.client.ui.panels.view_controls import center_fields, move_buttons, side_buttons, up_menu
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.scene import FinestStep, Step
 from volsplat.protocol.description.scene_key import PartOf, Switch
 from volsplat.protocol.description.scene_keys import KEYS, SceneKey
 
@@ -75,7 +76,7 @@ def _section(editor: SceneEditor, viewing: Viewing, section: str) -> None:
         else:
             with ui.element("div").classes("vs-switches") if len(keys) > 1 else nullcontext():
                 for key in keys:
-                    key_control(editor, key)
+                    key_control(editor, key, _refused(key, viewing))
 
 
 def place_of(key: SceneKey) -> str:
@@ -97,3 +98,11 @@ def _has_effect(key: SceneKey, viewing: Viewing) -> bool:
     """Whether the volume has what the key is about."""
     prepared = viewing.volume.prepared
     return key.place != "refine.striding" or (prepared is not None and len(prepared.levels) > 1)
+
+
+def _refused(key: SceneKey, viewing: Viewing) -> dict[Any, str]:
+    """The values of which the volume has no picture, and why."""
+    if key.place != "refine.finest":
+        return {}
+    whys = {finest: viewing.volume.why_without(Step(finest)) for finest in FinestStep}
+    return {finest: why for finest, why in whys.items() if why}

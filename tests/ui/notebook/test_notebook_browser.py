@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import torch
 
 from support.pages.browser import browser, browser_page
 from support.pages.notebook_cell import NotebookCell, notebook_cell
@@ -14,6 +16,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.tables.scene_tables import with_table
 from volsplat.protocol.description.scene import FinestStep, ScalarTable
+from volsplat.protocol.description.volume import Geometry
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -89,3 +92,14 @@ def test_steps_and_tables_lie_beside_the_viewport(browser_page: Page, session: S
         cell.kernel(lambda: setattr(cell.widget, "scene", with_table(cell.widget.scene, "opac", flat)))
         cell.until(lambda: page.locator(OPACITY).get_by_role("slider").count() == 3)
         assert page.locator(OPACITY).get_by_role("slider").nth(1).get_attribute("aria-valuenow") == "0.25"
+
+
+def test_labels_cannot_be_refined_to_g_and_say_why(browser_page: Page, tmp_path: Path) -> None:
+    numbers = torch.arange(8**3)
+    labels = torch.where(numbers < 300, 0, numbers % 5).reshape(8, 8, 8).to(torch.uint8)
+    write_volume(tmp_path / "labels.nrrd", labels, Geometry((8, 8, 8)))
+    with Session(tmp_path / "labels.nrrd", workers=1) as session:
+        with notebook_cell(browser_page, session, controls=True, height=600) as cell:
+            to_g = cell.page.get_by_role("button", name="refine to G")
+            cell.until(lambda: drawn(cell) and to_g.is_disabled())
+            assert "labels.nrrd holds the whole numbers 0 to 4" in (to_g.get_attribute("title") or "")

@@ -9,7 +9,8 @@ import { TableEditor } from "../tables/table_editor.js";
 /** @typedef {import("../tables/table_editor.js").Axis} Axis */
 /** @typedef {{name: string, colour: boolean, points: Point[], answers: number, axis: Axis, histogram: number[] | null,
  *   unused: string, tint: string}} Table */
-/** @typedef {{steps?: string[], chips?: ChipState[], finest?: string,
+/** `without_g`: why there is no picture of step G; "" if there is.
+ * @typedef {{steps?: string[], without_g?: string, chips?: ChipState[], finest?: string,
  *   tables?: Record<string, Table>, complaint?: {which: string, text: string}}} Told */
 /** @typedef {{type: "finest", finest: string} | ({type: "table", which: string} & Change)} Said */
 
@@ -17,6 +18,7 @@ export class NotebookControls {
   /** @type {StepChips} */
   #chips;
   #crisp = document.createElement("button");
+  #withoutG = "";
   /** @type {Record<string, TableEditor>} */
   #editors = {};
 
@@ -33,16 +35,23 @@ export class NotebookControls {
   }
 
   /** @param {Told} told */
-  show({ steps, chips, finest, tables, complaint }) {
+  show({ steps, without_g: withoutG, chips, finest, tables, complaint }) {
     if (steps) this.#addSteps(steps);
+    if (withoutG !== undefined) this.#crisp.title = this.#withoutG = withoutG;
     if (chips) this.#chips.show(chips);
-    if (finest) this.#crisp.setAttribute("aria-pressed", String(finest === "G"));
+    if (finest) this.#showFinest(finest);
     for (const [which, table] of Object.entries(tables ?? {})) this.#showTable(which, table);
     if (complaint) this.#editors[complaint.which].complain(complaint.text);
   }
 
   close() {
     for (const editor of Object.values(this.#editors)) editor.close();
+  }
+
+  /** A scene that asks for G where there is none can be led back. @param {string} finest */
+  #showFinest(finest) {
+    this.#crisp.setAttribute("aria-pressed", String(finest === "G"));
+    this.#crisp.disabled = this.#withoutG !== "" && finest !== "G";
   }
 
   /** @param {string[]} steps the letters */
