@@ -90,6 +90,8 @@ def movie(volume: str, output: Path, rate: int, step: str, **settings: Any) -> N
             known = renderer.volume
     seconds = time.perf_counter() - began
     motion.options.tell_unsuited(known, console)
+    if why := motion.why_unlabelled(known):
+        console.say(f"note: {why}")
     console.say(f"{output}: {motion.frames} images of {width}x{height}, {seconds:.1f} s")
 
 
@@ -124,6 +126,13 @@ class Motion:
             return key_framed(ready, geometry, self.frames, known.automatic_window)
         begun = self._made_ready(self.options.scene_of(known), known)
         return turntable(begun, geometry, self.frames, self.axis or "screen-y")
+
+    def why_unlabelled(self, known: SurveyedVolume) -> str:
+        """One line that names the labels that no frame shows; empty if there are none."""
+        from volsplat.client.figure.pointing_labels import why_never_labelled
+
+        labels = () if self.figure is None else self.figure.labels
+        return why_never_labelled(labels, self.scenes_of(known), known) if labels else ""
 
     def _made_ready(self, scene: Scene, known: SurveyedVolume) -> Scene:
         from volsplat.client.figure.layout import sized  # when every server works

@@ -25,15 +25,34 @@ def place_of(point: Vector, scene: Scene, geometry: Geometry) -> tuple[float, fl
 
 def why_unlabelled(labels: Sequence[tuple[str, Vector]], scene: Scene, volume: SurveyedVolume) -> str:
     """One line that names the labels whose voxels lie outside the picture; empty if none do."""
-    scene, geometry = volume.settled(scene), volume.description.geometry
-    absent = [text for text, point in labels if not _is_inside(*place_of(point, scene, geometry), scene.image)]
+    return _absence("the figure lacks", "outside the picture", labels, [scene], volume)
+
+
+def why_never_labelled(labels: Sequence[tuple[str, Vector]], scenes: Sequence[Scene], volume: SurveyedVolume) -> str:
+    """Likewise of those that a movie never shows."""
+    return _absence("no image of the movie has", "outside all of them", labels, scenes, volume)
+
+
+def _absence(
+    lacks: str,
+    outside: str,
+    labels: Sequence[tuple[str, Vector]],
+    scenes: Sequence[Scene],
+    volume: SurveyedVolume,
+) -> str:
+    settled, geometry = [volume.settled(scene) for scene in scenes], volume.description.geometry
+
+    def is_seen(point: Vector) -> bool:
+        return any(_is_inside(*place_of(point, scene, geometry), scene.image) for scene in settled)
+
+    absent = [text for text, point in labels if not is_seen(point)]
     if not absent:
         return ""
     which, points = ("label", "it points") if len(absent) == 1 else ("labels", "they point")
     size = " x ".join(map(str, geometry.dims))
     return (
-        f"the figure lacks the {which} {', '.join(absent)}: what {points} at lies outside the picture; give voxels of "
-        f"the volume ({size}), or turn or zoom the view"
+        f"{lacks} the {which} {', '.join(absent)}: what {points} at lies {outside}; give voxels of the volume "
+        f"({size}), or turn or zoom the view"
     )
 
 

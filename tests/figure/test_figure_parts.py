@@ -20,9 +20,10 @@ from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
 from volsplat.client.figure.drawing import Area, Ramp, Words
 from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.figure.layout import figure_extent, laid_out, sized
-from volsplat.client.figure.pointing_labels import place_of, why_unlabelled
+from volsplat.client.figure.pointing_labels import place_of, why_never_labelled, why_unlabelled
 from volsplat.client.figure.scale_bars import bar_length
 from volsplat.client.figure.side_marks import edge_marks
+from volsplat.client.movie.key_frames import turntable
 from volsplat.client.volume.scales import scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
@@ -262,3 +263,13 @@ def test_a_label_is_in_the_figure_or_told_to_be_missing(points: list[Vector]) ->
     told = why_unlabelled(labels, SCENE, surveyed())
     assert bool(told) == (len(shown) < len(labels))
     assert all((text in shown) != (text in told) for text, _ in labels)
+
+
+@given(st.lists(st.tuples(*[st.floats(-200, 400)] * 3), max_size=4))
+def test_a_label_is_in_an_image_of_a_movie_or_told_to_be_in_none(points: list[Vector]) -> None:
+    labels = [(f"<{n}>", point) for n, point in enumerate(points)]
+    turned = turntable(SCENE, HEAD.geometry, 5)
+    lacking = [why_unlabelled(labels, scene, surveyed()) for scene in turned]
+    told = why_never_labelled(labels, turned, surveyed())
+    assert all((text in told) == all(text in why for why in lacking) for text, _ in labels)
+    assert bool(told) == any(text in told for text, _ in labels)

@@ -49,6 +49,12 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     texts = [element.text for element in root.iter() if element.text]
     assert {"A small head", "nose", "all", "R", "L", "S", "I"} <= set(texts)
     assert page.get_by_text("figure: dpi").count() == 0
+    lacks = page.get_by_text("the figure lacks the label away: what it points at lies outside the picture")
+    assert lacks.count() == 0
+    page.get_by_label("labels, each TEXT@I,J,K").fill("nose@12,1,14\naway@900,900,900")
+    with page.expect_download():
+        make.click()
+    lacks.wait_for()
     page.get_by_role("button", name="close", exact=True).click()
     make.wait_for(state="hidden")
 

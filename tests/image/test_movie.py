@@ -334,6 +334,14 @@ def test_the_command_turns_a_volume_by_servers_as_by_a_single_process(person: Pe
     assert person.servers() == []
 
 
+def test_the_command_tells_of_a_label_that_no_image_has(person: Person, head: Path) -> None:
+    labels = ["--label", "middle@12,16,14", "--label", "away@900,900,900"]
+    done = person.runs("movie", str(head), "-o", "labelled", "--frames", "2", "--size", "120x90", "--single", *labels)
+    assert done.returncode == 0, done.stderr
+    note, _ = done.stderr.splitlines()
+    assert note.startswith("note: no image of the movie has the label away: what it points at lies outside all of them")
+
+
 def test_the_command_draws_what_of_a_prepared_volume_fits_into_its_memory(person: Person, head: Path) -> None:
     store = person.folder / "head.zarr"
     prepare_small(head, store)

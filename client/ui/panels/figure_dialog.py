@@ -10,7 +10,7 @@ from nicegui import context, ui
 from volsplat.client.figure.figure import Figure, figure_with, label_from_text
 from volsplat.client.ui.doors.handed_files import hand_bytes
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
-from volsplat.client.ui.viewing.saving import FIGURE_KINDS, figure_bytes
+from volsplat.client.ui.viewing.saving import FIGURE_KINDS, figure_bytes, why_unlabelled
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene_key import Key, Switch, declarations
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -62,6 +62,8 @@ class FigureDialog:
             data = await asyncio.to_thread(figure_bytes, drawing, scene, figure, kind, self._left.is_set)
             if data is not None:
                 await hand_bytes(data, f"{self._name}{kind}")
+                if why := why_unlabelled(figure, scene, self._viewing.volume):
+                    ui.notify(why, type="warning", timeout=0, close_button=True)
         except VolsplatError as error:
             self._trouble.text = str(error)
         finally:

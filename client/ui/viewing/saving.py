@@ -27,6 +27,7 @@ from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.scene_file import scene_from_bytes, scene_toml
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
@@ -77,6 +78,14 @@ def figure_bytes(
     if picture is None:
         return None
     return bytes_of(kind, lambda path: write_picture(path, picture, scene, volume, figure))
+
+
+def why_unlabelled(figure: Figure, scene: Scene, volume: SurveyedVolume) -> str:
+    """One line that names the labels that the figure of a scene lacks; empty if it has all."""
+    from volsplat.client.figure import pointing_labels
+    from volsplat.client.figure.layout import sized
+
+    return pointing_labels.why_unlabelled(figure.labels, sized(figure, scene, volume), volume)
 
 
 def scene_bytes(scene: Scene) -> bytes:
