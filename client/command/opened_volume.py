@@ -75,29 +75,24 @@ def opened_quietly(
             yield single
         return
 
-    def keep(loss: str) -> None:
-        console.say(f"note: {loss}")
-
-    with session_of(volume, servers, say, keep) as session:
+    with session_of(volume, servers, say, console) as session:
         if servers.by_hand:
             tell_how_to_join(session, servers, console)
         yield session
 
 
-def session_of(
-    volume: str | None,
-    servers: Servers,
-    say: Callable[[str], None],
-    tell_loss: Callable[[str], None] = ignored,
-) -> Session:
-    """A session that these servers draw for, if there is a volume; it does not wait for that."""
+def session_of(volume: str | None, servers: Servers, say: Callable[[str], None], console: PlainConsole) -> Session:
+    """A session that these servers draw for, if there is a volume; it does not wait for that.
+
+    A lost server is told on the console, to stay.
+    """
     return Session(
         volume,
         **_whose(servers),
         memory=servers.memory,
         trace=servers.trace,
         on_progress=say,
-        on_loss=tell_loss,
+        on_loss=lambda loss: console.say(f"note: {loss}"),
     )
 
 

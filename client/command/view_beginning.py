@@ -105,7 +105,7 @@ class ViewBeginning:
         """For a later volume: the trace stays that of the first one, whose place it would take."""
         held = held_to if self._servers.here and can_confine() else None
         later = replace(servers or self._servers, trace=None, data_root=held)
-        return session_of(volume, later, say)
+        return session_of(volume, later, say, self._console)
 
     def _viewing_of(self, session: Session, first: bool, scene: Scene | None = None) -> Viewing:
         """The `first` looks as the command's options say. What nobody has set is lit from its first steps on."""
@@ -124,7 +124,7 @@ class ViewBeginning:
         from volsplat.client.ui.viewing.restart import Restart
 
         again = replace(self._servers, trace=None)
-        return ShownVolume(viewing, Restart(viewing, lambda say: session_of(volume, again, say)))
+        return ShownVolume(viewing, Restart(viewing, lambda say: session_of(volume, again, say, self._console)))
 
     def _opening_of(self, shown: ShownVolume, volume: str) -> Opening | None:
         """What opens other volumes below the root; of a volume on the web the root must be given."""

@@ -20,7 +20,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, fresh_page, opened, page, pixels_of, save
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, viewed
-from support.patience import PATIENCE
+from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from volsplat.bench.page_drag import REFINED, Drag, dragged, show_in
 from volsplat.bench.slow_link import slow_link
@@ -367,4 +367,8 @@ def test_the_page_shows_how_a_lost_splat_server_is_replaced_and_starts_again_wha
         until(page, lambda: states.all_inner_texts() == ["idle"] * 3)
         page.get_by_text("Servers", exact=True).click()  # the picture has its size again
         until(page, lambda: torch.equal(canvas(page), before))
+        lost = view.mapshade_servers()[0]
+        lost.kill()
+        told_to_stay = re.compile(f"note: map/shade server .*process {lost.pid}")
+        wait_until(lambda: any(map(told_to_stay.match, view.said)), "told on the terminal, as by the first session")
         page.goto("about:blank")
