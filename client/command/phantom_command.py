@@ -14,7 +14,7 @@ from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
-from volsplat.client.phantoms.volume_writer import check_voxels_apart, write_phantom, written_at
+from volsplat.client.phantoms.volume_writer import check_voxels_apart, write_phantom
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.byte_sizes import size_on_disk
 from volsplat.protocol.text.errors import BadInput
@@ -40,7 +40,6 @@ NRRD is written while it is made, in little memory, whatever the size.
 @click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
-    written_at(output)
     check_voxels_apart(output)
     made = streamed_phantom(
         name,

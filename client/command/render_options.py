@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeVar
 
@@ -19,7 +20,7 @@ from volsplat.client.image.image_formats import SCENE_HOLDERS
 from volsplat.client.scene.colour_maps import colormap, lit_and_glowing
 from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.scene.presets import PRESETS, preset_scene
-from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
+from volsplat.client.scene.scene_file import scene_file_bytes, scene_from_bytes, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.volume.surveyed_volume import SurveyedVolume, asking_for_fit, showing_all
 from volsplat.program.plain_console import PlainConsole
@@ -33,6 +34,7 @@ from volsplat.protocol.text.errors import BadInput
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Number = TypeVar("Number", int, float)
+Layer = Callable[[Scene], Scene]  # puts a scene, or a part of one, over another
 
 
 class SceneOption(NamedTuple):
@@ -108,8 +110,8 @@ class SceneOptions:
         """Whether the scene file leaves nothing of the preset: it goes over it."""
         if self.scene is None:
             return False
-        preset, default = volume.begun_scene(self.preset), volume.begun_scene(None)
-        return preset != default and _scene_in([self.scene], preset) == _scene_in([self.scene], default)
+        preset, default, over = volume.begun_scene(self.preset), volume.begun_scene(None), self._layer_of(self.scene)
+        return preset != default and over(preset) == over(default)
 
     def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
         """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""
@@ -120,14 +122,19 @@ class SceneOptions:
 
         Tables are made for the window that these leave; without a volume they are the preset's own.
         """
-        paths = [file for file in files if file is not None]
+        layers = [self._layer_of(file) for file in files if file is not None]
         if volume is None:
-            return self._changed(_scene_in(paths, preset_scene(self.preset or "ct-skin")), None)
+            return self._changed(_under(layers, preset_scene(self.preset or "ct-skin")), None)
         begun = self._lit(volume.begun_scene(self.preset))
-        scene = self._changed(_scene_in(paths, begun), volume)
+        scene = self._changed(_under(layers, begun), volume)
         if scene.quantise == begun.quantise:
             return scene
-        return self._changed(_scene_in(paths, self._lit(volume.begun_scene(self.preset, scene.quantise))), volume)
+        return self._changed(_under(layers, self._lit(volume.begun_scene(self.preset, scene.quantise))), volume)
+
+    @cached_property
+    def _layer_of(self) -> Callable[[Path], Layer]:
+        """Each file is read once: a pipe can be read no more often."""
+        return cache(_layer)
 
     def _lit(self, scene: Scene) -> Scene:
         return scene if self.lit_from is None else lit_from(scene, self.lit_from)
@@ -145,17 +152,22 @@ class SceneOptions:
         return scene if self.fit is None else asking_for_fit(scene)
 
 
-def _scene_in(paths: Sequence[Path], base: Scene) -> Scene:
-    """The scenes of TOML files over `base`, or the whole ones that images store, the later over the earlier."""
-    for path in paths:
-        base = _stored_scene(path) if path.suffix.lower() in SCENE_HOLDERS else read_scene_file(path, base)
+def _under(layers: Sequence[Layer], base: Scene) -> Scene:
+    """`base` with these over it, the later over the earlier."""
+    for layer in layers:
+        base = layer(base)
     return base
 
 
-def _stored_scene(image: Path) -> Scene:
-    from volsplat.client.image.image_file import read_scene  # takes time to import, which only this case needs
+def _layer(path: Path) -> Layer:
+    """The scene of a TOML file, or the whole one that an image stores. Raises BadInput, also where it is laid over."""
+    if path.suffix.lower() in SCENE_HOLDERS:
+        from volsplat.client.image.image_file import read_scene  # takes time to import, which only this case needs
 
-    return read_scene(image)
+        stored = read_scene(path)
+        return lambda base: stored
+    content = scene_file_bytes(path)
+    return lambda base: scene_from_bytes(content, base, str(path))
 
 
 def size_from_option(text: str) -> tuple[int, int]:

@@ -104,14 +104,18 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
     place in space but the spacing along i and j. Raises BadInput for unknown extensions, for shear or a single slice
     that the format cannot hold, and if the disk refuses.
     """
-    path = written_at(path)
+    _write_volume(written_at(path), values, geometry)
+
+
+def _write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
+    """At a place as `written_at` tells it."""
     extension = extension_of(path)
     if extension in SHEARLESS and _shear(geometry) > SHEAR_TOLERANCE:
         raise BadInput(f"{path}: {extension} would lose the volume's shear; write .nrrd or .mha")
     if extension in PAGED and geometry.dims[2] == 1:
         raise BadInput(f"{path}: {extension} of one slice would be read as an image; write .nrrd or .mha")
     if extension == NRRD:
-        write_nrrd(path, [values], values.dtype, geometry)
+        _write_nrrd(path, [values], values.dtype, geometry)
         return
     # Here, since whoever writes no volume should not wait for this import.
     simple_itk: Any = importlib.import_module("SimpleITK")
@@ -131,25 +135,25 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
 
 def write_phantom(path: Path, phantom: Phantom) -> None:
     """As `write_volume`; NRRD some sheets at a time, with what the values are, which no other format states."""
+    path = written_at(path)
     if extension_of(path) == NRRD:
         pairs = stated(phantom.kind, phantom.bands)
-        write_nrrd(path, phantom.sheets, phantom.dtype, phantom.geometry, pairs)
+        _write_nrrd(path, phantom.sheets, phantom.dtype, phantom.geometry, pairs)
     else:
-        write_volume(path, *phantom.whole())
+        _write_volume(path, *phantom.whole())
 
 
-def write_nrrd(
+def _write_nrrd(
     path: Path,
     sheets: Iterable[torch.Tensor],
     dtype: torch.dtype,
     geometry: Geometry,
     pairs: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); no more are held than come at once.
+    """As `_write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); no more are held than come at once.
 
     `pairs` are keys and values for the header, each of one line.
     """
-    path = written_at(path)
     with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
         file.write(_nrrd_header(path, dtype, geometry, pairs))
         for some in sheets:

@@ -31,12 +31,16 @@ _COLOUR_TABLES = ("emit", "refl")
 
 def read_scene_file(path: Path, base: Scene) -> Scene:
     """The scene in a TOML file; what the file leaves out is taken from `base`. Raises BadInput, naming the place."""
+    return scene_from_bytes(scene_file_bytes(path), base, str(path))
+
+
+def scene_file_bytes(path: Path) -> bytes:
+    """What a scene file holds, for `scene_from_bytes`. Raises BadInput if it cannot be read."""
     try:
         with path.open("rb") as file:
-            content = file.read(LONGEST_FILE + 1)
+            return file.read(LONGEST_FILE + 1)
     except OSError as error:
         raise BadInput(f"{path}: cannot read the scene: {error.strerror}") from error
-    return scene_from_bytes(content, base, str(path))
 
 
 def scene_from_bytes(content: bytes, base: Scene, name: str) -> Scene:

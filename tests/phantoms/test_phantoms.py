@@ -98,12 +98,12 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[3])
 from support.programs.little_memory import little_memory
 from volsplat.client.phantoms import streamed_phantom
-from volsplat.client.phantoms.volume_writer import write_nrrd
+from volsplat.client.phantoms.volume_writer import write_phantom
 for warming in streamed_phantom("shells", (256, 256, 1)).sheets:
     pass
 made = streamed_phantom("shells", (256, 256, 512))
 with little_memory(int(sys.argv[2])):
-    write_nrrd(Path(sys.argv[1]), made.sheets, made.dtype, made.geometry)
+    write_phantom(Path(sys.argv[1]), made)
 """
 
 
