@@ -64,6 +64,18 @@ def test_a_movie_has_the_count_size_and_name_that_were_asked_for(page: Page, tmp
     page.get_by_text("4 images in my head.mp4").wait_for()
 
 
+def test_escape_closes_the_dialog_but_first_the_menu_that_is_open_in_it(page: Page) -> None:
+    page.get_by_label("kind").click()
+    kinds = page.get_by_role("option")
+    kinds.first.wait_for()
+    page.keyboard.press("Escape")
+    kinds.first.wait_for(state="hidden")
+    make = page.get_by_text("make the movie")
+    assert make.is_visible()
+    page.keyboard.press("Escape")
+    make.wait_for(state="hidden")
+
+
 COUNT = "images: give a whole number from 2 to 10000"
 # No two in a row are told alike, so that each answer is seen to be a new one.
 REFUSED = [

@@ -8,6 +8,7 @@ import threading
 from nicegui import context, ui
 
 from volsplat.client.figure.figure import Figure, figure_with, label_from_text
+from volsplat.client.ui.controls.side_dialog import SideDialog
 from volsplat.client.ui.doors.handed_files import hand_bytes
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import FIGURE_KINDS, figure_bytes, why_unlabelled
@@ -26,8 +27,8 @@ class FigureDialog:
         self._name = name
         self._left = threading.Event()  # the tab is gone
         usual = Figure()
-        with ui.dialog().props("seamless position=right") as self._dialog, ui.card().classes("vs-dialog"):
-            ui.label("Figure").classes("vs-name")
+        self._dialog = SideDialog("Figure")
+        with self._dialog.card:
             with ui.row():
                 self._switches = {
                     declared.name: ui.switch(declared.key.widget.label, value=getattr(usual, declared.name))

@@ -12,6 +12,7 @@ from nicegui import background_tasks, context, ui
 from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
+from volsplat.client.ui.controls.side_dialog import SideDialog
 from volsplat.client.ui.doors.handed_files import hand_file
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import MovieJob
@@ -37,8 +38,8 @@ class MovieDialog:
         self._viewing = viewing
         self._keys: list[Scene] = []
         self._job: MovieJob | None = None
-        with ui.dialog().props("seamless position=right") as self._dialog, ui.card().classes("vs-dialog"):
-            ui.label("Movie").classes("vs-name")
+        self._dialog = SideDialog("Movie")
+        with self._dialog.card:
             self._path = ui.toggle([TURNTABLE, KEY_SCENES], value=TURNTABLE).props("dense no-caps unelevated")
             with ui.row().bind_visibility_from(self._path, "value", value=KEY_SCENES).classes("items-center"):
                 self._key_count = ui.label("no key scene yet").classes("vs-muted")

@@ -49,6 +49,14 @@ CLASHES = """(least) => {
     return found;
 }"""
 
+# Whether a dialog's sides are in the window, and those of all that is seen in it are in the dialog.
+SIDES_OF_DIALOG = """() => {
+    const sides = (part) => part.getBoundingClientRect();
+    const dialog = document.querySelector(".vs-dialog"), { left, right } = sides(dialog);
+    const seen = [...dialog.querySelectorAll("*")].filter((part) => part.checkVisibility()).map(sides);
+    return [left >= 0 && right <= innerWidth, seen.every((part) => part.left >= left && part.right <= right)];
+}"""
+
 
 @pytest.fixture(scope="module")
 def handheld(browser: Browser) -> Iterator[BrowserContext]:
@@ -219,3 +227,17 @@ def test_nothing_that_is_read_beside_slices_lies_over_another_is_cut_off_or_too_
         page.set_viewport_size(window_of((width, height)))
         # The bar is drawn anew for its room, the scale with the picture.
         until(page, lambda: page.evaluate(CLASHES, LEAST_LEGIBLE) == [])
+
+
+def test_a_dialog_lies_within_a_small_window_and_says_its_name(page: Page) -> None:
+    for item, name in (("figure…", "Figure"), ("movie…", "Movie")):
+        page.get_by_role("button", name="save").tap()
+        page.get_by_text(item).tap()
+        dialog = page.get_by_role("dialog")
+        dialog.get_by_text(name, exact=True).wait_for()
+        for width, height in (TELEPHONE, (360, 640), TABLET):
+            page.set_viewport_size(window_of((width, height)))
+            until(page, lambda: page.evaluate(SIDES_OF_DIALOG) == [True, True])
+        dialog.get_by_role("button", name="close").tap()
+        dialog.wait_for(state="hidden")
+        page.set_viewport_size(window_of(TELEPHONE))
