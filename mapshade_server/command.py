@@ -51,7 +51,7 @@ def mapshade_server(data_root: Path | None, memory: int | None, **settings: Any)
         stack.enter_context(metrics_of(lambda: counts, options.metrics))
         budget = MemoryBudget(memory, MemoryPromises())  # whose file is opened before other places are closed off
         root = None if data_root is None else stack.enter_context(held_to(data_root))
-        held = HeldVolume(budget=budget)
+        held = HeldVolume(budget)
         clients = stack.enter_context(closing(Clients(Role.MAPSHADE_SERVER, options)))
 
         def serve_one() -> bool:

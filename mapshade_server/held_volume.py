@@ -6,6 +6,7 @@ Takes the client's requests about the volume and gives the answers; knows no con
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,7 +35,7 @@ from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.handlers import handlers, takes
-from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.text.errors import BadInput
 
 NO_PAYLOAD = memoryview(b"")
@@ -67,11 +68,8 @@ class PassedBoxes(NamedTuple):
 class HeldVolume:
     """The sub-cubes of one assignment, and how they come here."""
 
-    def __init__(
-        self, superseded: Callable[[int], bool] = lambda assignment: False, budget: MemoryBudget = ALL_THAT_IS_LEFT
-    ) -> None:
-        """`superseded` says whether an assignment is out of date; any thread may have made it so."""
-        self.superseded = superseded
+    def __init__(self, budget: MemoryBudget = ALL_THAT_IS_LEFT) -> None:
+        self.superseded: Callable[[int], bool] = lambda assignment: False  # whether any thread has made it out of date
         self._budget = budget
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
@@ -364,9 +362,7 @@ class HeldVolume:
 
     def _read(self, sub_cubes: Sequence[SubCube | PassedBox], assignment: int, started: float) -> Answer:
         """The sub-cubes have their values, or know where to find them."""
-        survey = sub_cubes[0].survey()
-        for sub_cube in sub_cubes[1:]:
-            survey = survey.joined(sub_cube.survey())
+        survey = reduce(Survey.joined, (sub_cube.survey() for sub_cube in sub_cubes))
         self.assignment = assignment
         seconds = time.perf_counter() - started
         return Answer(messages.SubCubesRead(assignment=assignment, survey=survey, seconds=seconds))

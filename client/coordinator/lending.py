@@ -106,17 +106,6 @@ def parts_of(box: Box, voxels: int) -> list[Box]:
     """The box cut into as many whole sheets as have no more than so many voxels; or rows, or samples."""
     cut = [box]
     for axis in (2, 1, 0):
-        cut = [part for whole in cut for part in _cut(whole, axis, voxels)]
+        step = max(voxels * cut[0].size[axis] // cut[0].voxels, 1)
+        cut = [part for whole in cut for part in whole.layers(axis, step, box.low[axis])]
     return cut
-
-
-def _cut(box: Box, axis: int, voxels: int) -> list[Box]:
-    step = max(voxels * box.size[axis] // box.voxels, 1)
-    starts = range(box.low[axis], box.high[axis], step)
-    return [
-        Box(
-            (*box.low[:axis], start, *box.low[axis + 1 :]),  # type: ignore[arg-type]
-            (*box.high[:axis], min(start + step, box.high[axis]), *box.high[axis + 1 :]),  # type: ignore[arg-type]
-        )
-        for start in starts
-    ]

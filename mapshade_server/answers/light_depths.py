@@ -29,12 +29,9 @@ def summed_depths(sub_cubes: Sequence[SubCube], drawing: Drawing) -> Depths:
     total = np.zeros(light_block_dims(dims)[::-1], np.uint64)
     size, drawn = light_block_size(dims), box_drawn(drawing.plan)
     for cube in sub_cubes:
-        rest = cube.box.common(drawn)
-        while rest is not None:
-            row = rest.low[2] // size[2]
-            end = (row + 1) * size[2]
-            sheets, rest = rest.cut(2, end) if end < rest.high[2] else (rest, None)
-            total[row] += _summed(cube, fields, sheets, size, total.shape[1:])
+        if (box := cube.box.common(drawn)) is not None:
+            for sheets in box.layers(2, size[2]):
+                total[sheets.low[2] // size[2]] += _summed(cube, fields, sheets, size, total.shape[1:])
     return total
 
 

@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import NamedTuple
 
 import msgspec
@@ -10,8 +11,7 @@ import numpy as np
 
 from volsplat.mapshade_server.held.packet_store import PacketStore
 from volsplat.mapshade_server.held.passed_box import PassedBox
-from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.mapshade_server.held.sub_cube import Histograms, SubCube
 from volsplat.protocol.description.patches import PLANE_ENTRIES
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
@@ -78,17 +78,13 @@ def store_described(store: PacketStore, identity: VolumeIdentity) -> Answer:
 
 def counted(sub_cubes: Sequence[SubCube] | Sequence[PassedBox], request: messages.CountHistograms) -> Answer:
     """The counts of all of them together."""
-    density, strength = np.zeros((2, HISTOGRAM_BINS), np.int64)
-    extremes: BlockExtremes | None = None
-    for sub_cube in sub_cubes:
-        more = sub_cube.histograms(request.low, request.high, request.max_gradient)
-        density += np.asarray(more.density)
-        strength += np.asarray(more.strength)
-        extremes = more.extremes if extremes is None else extremes.joined(more.extremes)
-    if extremes is None:
+    if not sub_cubes:
         raise BadInput("of the volume nothing is held here to count")
+    density, strength, extremes = reduce(
+        Histograms.joined, (each.histograms(request.low, request.high, request.max_gradient) for each in sub_cubes)
+    )
     told = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS, blocks=len(extremes.least))
-    return Answer(told, (density.data.cast("B"), strength.data.cast("B"), memoryview(extremes.as_bytes())))
+    return Answer(told, (density.cast("B"), strength.cast("B"), memoryview(extremes.as_bytes())))
 
 
 def plane_counts(sub_cubes: Sequence[SubCube]) -> memoryview:

@@ -27,12 +27,9 @@ def stored_sub_cubes(
     _kernels.give_freed_memory_back()  # bricks are unpacked by many threads
 
     def read(box: Box) -> Iterable[tuple[Box, Packets]]:
-        rest: Box | None = box
-        while rest is not None:
+        for sheet in box.layers(2, store.brick_size):
             if given_up():
                 raise GivenUp
-            end = (rest.low[2] // store.brick_size + 1) * store.brick_size
-            sheet, rest = rest.cut(2, end) if end < rest.high[2] else (rest, None)
             yield sheet, store.read(level, sheet)
 
     return _sub_cubes(store.levels[level], boxes, held, read, LISTS_PER_STORED_PACKET, store.mixture(level))

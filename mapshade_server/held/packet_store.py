@@ -35,7 +35,6 @@ import os
 import zlib
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -227,12 +226,9 @@ class PacketStore:
     def _shards(self, level: int, box: Box) -> Iterator[Box]:
         """The parts of the box that lie in one shard each."""
         sk, sj, si = self._arrays[level].shards
-        axes = [
-            [(max(at, low), min(at + size, high)) for at in range(low // size * size, high, size)]
-            for low, high, size in zip(*box, (si, sj, sk), strict=True)
-        ]
-        for k, j, i in product(*reversed(axes)):
-            yield Box((i[0], j[0], k[0]), (i[1], j[1], k[1]))
+        for sheets in box.layers(2, sk):
+            for rows in sheets.layers(1, sj):
+                yield from rows.layers(0, si)
 
     def _shard_name(self, level: int, within: Box) -> str:
         """The file of the shard that the box lies in."""

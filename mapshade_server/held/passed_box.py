@@ -1,12 +1,12 @@
 """Boxes of a volume that a server looks at and does not hold."""
 
-import numpy as np
+from collections.abc import Iterator
+from functools import reduce
 
 from volsplat.mapshade_server.held.sheet_reader import SheetReader
-from volsplat.mapshade_server.held.sub_cube import Histograms
-from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.mapshade_server.held.sub_cube import Histograms, SubCube
 from volsplat.protocol.description.volume import Box
-from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.rules.index_rules import Survey
 
 
 class PassedBox:
@@ -18,18 +18,10 @@ class PassedBox:
 
     def survey(self) -> Survey:
         """Raises BadInput, as SubCube does."""
-        parts = [sheets.sub_cube.survey() for sheets in self._reader.sheets(self.box)]
-        survey = parts[0]
-        for part in parts[1:]:
-            survey = survey.joined(part)
-        return survey
+        return reduce(Survey.joined, (part.survey() for part in self._parts()))
 
     def histograms(self, low: float, high: float, max_gradient: float) -> Histograms:
-        density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
-        extremes = BlockExtremes.nothing(self._reader.geometry.dims)
-        for sheets in self._reader.sheets(self.box):
-            more = sheets.sub_cube.histograms(low, high, max_gradient)
-            density += np.asarray(more.density)
-            strength += np.asarray(more.strength)
-            extremes = extremes.joined(more.extremes)
-        return Histograms(density.data, strength.data, extremes)
+        return reduce(Histograms.joined, (part.histograms(low, high, max_gradient) for part in self._parts()))
+
+    def _parts(self) -> Iterator[SubCube]:
+        return (sheets.sub_cube for sheets in self._reader.sheets(self.box))

@@ -51,10 +51,8 @@ class SheetReader:
         fit = max(1, self.bytes_at_once // (SCALAR_BYTES[self.scalar_type] * ck))  # voxels of a sheet
         di = ni if ni * cj <= fit else min(ni, max(ci, fit // cj // ci * ci))
         dj = min(nj, max(cj, fit // di // cj * cj))
-        (i0, j0, k0), (i1, j1, k1) = box
-        for j in range(j0, j1, dj):
-            for i in range(i0, i1, di):
-                yield Box((i, j, k0), (min(i + di, i1), min(j + dj, j1), k1))
+        for rows in box.layers(1, dj, box.low[1]):
+            yield from rows.layers(0, di, box.low[0])
 
     def _of_tile(self, tile: Box) -> Iterator[Sheets]:
         (i0, j0, k0), (i1, j1, k1) = tile.grown(HALO, self.geometry.dims)

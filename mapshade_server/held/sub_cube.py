@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
@@ -22,6 +24,11 @@ class Histograms(NamedTuple):
     density: memoryview  # over the survey's low..high
     strength: memoryview  # over 0..max_gradient, or over the second scalar's range
     extremes: BlockExtremes  # of the whole volume's blocks, as far as this box knows
+
+    def joined(self, other: "Histograms") -> "Histograms":
+        """Of both boxes together."""
+        density, strength = (np.asarray(own) + np.asarray(more) for own, more in zip(self[:2], other[:2], strict=True))
+        return Histograms(density.data, strength.data, self.extremes.joined(other.extremes))
 
 
 class SubCube:

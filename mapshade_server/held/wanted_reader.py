@@ -53,9 +53,4 @@ class WantedReader:
         described = self._reader.describe()
         sheet_bytes = box.size[0] * box.size[1] * SCALAR_BYTES[described.scalar_type]
         together = described.chunk[2]
-        sheets = max(1, self._part_bytes // sheet_bytes // together) * together
-        rest = box
-        while (end := (rest.low[2] // sheets + 1) * sheets) < rest.high[2]:
-            part, rest = rest.cut(2, end)
-            yield part
-        yield rest
+        return box.layers(2, max(1, self._part_bytes // sheet_bytes // together) * together)

@@ -1,6 +1,7 @@
 """What a volume is to everybody but its reader: its grid, its place in physical space, and boxes of its grid."""
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from operator import le
 from typing import NamedTuple
@@ -69,6 +70,14 @@ class Box(NamedTuple):
         below, above = list(self.high), list(self.low)
         below[axis] = above[axis] = at
         return Box(self.low, (below[0], below[1], below[2])), Box((above[0], above[1], above[2]), self.high)
+
+    def layers(self, axis: int, size: int, start: int = 0) -> Iterator["Box"]:
+        """Cut across an axis at `start` and at every `size` voxels before and after it, the lowest layer first."""
+        rest = self
+        while (end := start + ((rest.low[axis] - start) // size + 1) * size) < rest.high[axis]:
+            layer, rest = rest.cut(axis, end)
+            yield layer
+        yield rest
 
     def common(self, other: "Box") -> "Box | None":
         """What lies in both; None if that is nothing."""

@@ -241,7 +241,8 @@ def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Pat
     opened, identity = identified_store(str(store))
     boxes = [level.box for level in opened.levels]
     newest = 1
-    held = HeldVolume(lambda assignment: newest > assignment)
+    held = HeldVolume()
+    held.superseded = lambda assignment: newest > assignment
 
     def opens(assignment: int, *levels: int) -> OpenPackets:
         held_levels = [LevelBoxes(level, [boxes[level]]) for level in levels]

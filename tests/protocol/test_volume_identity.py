@@ -205,7 +205,8 @@ class Reading:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.changes = False
-        self.held = HeldVolume(superseded=self._about_to_read)
+        self.held = HeldVolume()
+        self.held.superseded = self._about_to_read
         (described,) = self.held.answers(messages.DescribeVolume(str(path)))
         assert isinstance(described.message, messages.VolumeDescribed)
         self.identity = described.message.identity
