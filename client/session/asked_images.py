@@ -154,13 +154,5 @@ def _published(image: PublishImage) -> PublishedImage:
 def _outcome(step: Step, finished: PublishImage, started: float, now: float) -> StepOutcome:
     """Of an image that was asked for when it `started`, and is here now."""
     assert finished.outcome is not None, "a finished image has one"
-    read = [part.read for part in finished.parts]
-    return StepOutcome(
-        step,
-        now - started,
-        now - finished.drawn_at,
-        finished.outcome,
-        sum(image.payload_bytes() for image in read),
-        max((image.coding_seconds for image in read), default=0.0),
-        {part.server: part.read for part in finished.parts},
-    )
+    reads = {part.server: part.read for part in finished.parts}
+    return StepOutcome(step, now - started, now - finished.drawn_at, finished.outcome, reads)

@@ -38,9 +38,17 @@ class StepOutcome:
     wall_seconds: float  # from asking to having the image
     image_seconds: float  # of these, from the finished frame on: its image is sent
     servers: FrameOutcome
-    image_bytes: int = 0  # of the finished image, as splat servers sent it; none lie in memory that is shared
-    image_coding_seconds: float = 0.0  # that the slowest of them took to code it
     image_reads: Mapping[int, ImageRead] = field(default_factory=dict)  # how each splat server's part of it came
+
+    @property
+    def image_bytes(self) -> int:
+        """Of the finished image, as splat servers sent it; none lie in memory that is shared."""
+        return sum(image.payload_bytes() for image in self.image_reads.values())
+
+    @property
+    def image_coding_seconds(self) -> float:
+        """That the slowest splat server took to code it."""
+        return max((image.coding_seconds for image in self.image_reads.values()), default=0.0)
 
 
 @dataclass(frozen=True)

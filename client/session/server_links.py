@@ -86,12 +86,13 @@ class ServerLinks:
         self._heartbeat = Heartbeat(silence)
         self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._leaving: set[int] = set()  # those who were told to end; each is added by its receiving thread
+        numbers = IdCounter()
         self._listener = Listener(
             Role.CLIENT,
             token,
             host=listen.host,
             port=listen.port,
-            assign_id=ServerIds(lambda: len(self._connections)),
+            assign_id=lambda hello: server_id(hello, len(self._connections), numbers),
             allocate=self._allocate,
             encryption=encryption,
         )
@@ -356,17 +357,13 @@ def _brief(peer: Peer) -> str:
     return f"{peer.role} {peer.id}"
 
 
-class ServerIds:
-    """Gives ids to servers; nothing but servers may join a client, and no more of them than messages can name."""
+def server_id(hello: Hello, present: int, numbers: IdCounter) -> int:
+    """The next number for who joins where so many servers are `present`.
 
-    def __init__(self, present: Callable[[], int]) -> None:
-        """`present`: how many servers there are."""
-        self._present = present
-        self._counter = IdCounter()
-
-    def __call__(self, hello: Hello) -> int:
-        if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
-            raise BadInput(f"a {hello.role} cannot join a client")
-        if self._present() >= messages.MAX_SERVERS:
-            raise BadInput(f"{messages.MAX_SERVERS} servers have joined already, which is as many as there can be")
-        return self._counter(hello)
+    Raises BadInput for what is no server, and where there are as many as messages can name.
+    """
+    if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
+        raise BadInput(f"a {hello.role} cannot join a client")
+    if present >= messages.MAX_SERVERS:
+        raise BadInput(f"{messages.MAX_SERVERS} servers have joined already, which is as many as there can be")
+    return numbers(hello)

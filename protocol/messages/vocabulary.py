@@ -1,36 +1,13 @@
 """All messages of an open connection, found by their types."""
 
-from volsplat.protocol.messages import (
-    folder_messages,
-    frame_messages,
-    image_messages,
-    link_messages,
-    plane_messages,
-    session_messages,
-    slice_messages,
-    trace_messages,
-    value_messages,
-    volume_messages,
-)
+from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
 
 MESSAGES = tuple(
     kind
-    for module in (
-        volume_messages,
-        value_messages,
-        folder_messages,
-        frame_messages,
-        slice_messages,
-        plane_messages,
-        image_messages,
-        trace_messages,
-        session_messages,
-        link_messages,
-    )
-    for kind in Message.__subclasses__()
-    if kind.__module__ == module.__name__
+    for kind in vars(messages).values()
+    if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
 )
 
 

@@ -1,4 +1,4 @@
-"""What carries a connection's bytes: TCP, a Unix socket that passes descriptors as well, or TLS (see tls_channel)."""
+"""What carries a connection's bytes: as they are, with descriptors by a Unix socket, or by TLS (see tls_channel)."""
 
 import socket
 from typing import Protocol
@@ -28,36 +28,22 @@ class Channel(Protocol):
         """These few bytes as the socket carries them, for whoever sends them before all that follows."""
 
 
-class TcpChannel:
-    holds_unread = False
+class PlainChannel:
+    """As the socket carries them, not encrypted."""
 
-    def __init__(self, connected: socket.socket) -> None:
-        self._socket = connected
-        self.came = 0
-
-    def receive_into(self, wanted: memoryview) -> int:
-        count = self._socket.recv_into(wanted)
-        self.came += count
-        return count
-
-    def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
-        return self._socket.sendmsg(buffers, [], flags)
-
-    def sealed(self, buffers: list[memoryview]) -> bytes:
-        return b"".join(buffers)
-
-
-class UnixChannel:
     holds_unread = False
 
     def __init__(self, connected: socket.socket, descriptors: ReceivedDescriptors) -> None:
-        """`descriptors` takes those that come."""
+        """`descriptors` takes those that come by a Unix socket."""
         self._socket = connected
-        self._descriptors = descriptors
+        self._descriptors = descriptors if connected.family == socket.AF_UNIX else None
         self.came = 0
 
     def receive_into(self, wanted: memoryview) -> int:
-        count = self._descriptors.receive_into(wanted, self._socket)
+        if self._descriptors is None:
+            count = self._socket.recv_into(wanted)
+        else:
+            count = self._descriptors.receive_into(wanted, self._socket)
         self.came += count
         return count
 
@@ -66,12 +52,6 @@ class UnixChannel:
 
     def sealed(self, buffers: list[memoryview]) -> bytes:
         return b"".join(buffers)
-
-
-def plain_channel(connected: socket.socket, descriptors: ReceivedDescriptors) -> Channel:
-    if connected.family == socket.AF_UNIX:
-        return UnixChannel(connected, descriptors)
-    return TcpChannel(connected)
 
 
 def unsent(buffers: list[memoryview], count: int) -> list[memoryview]:

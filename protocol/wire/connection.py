@@ -21,7 +21,7 @@ from volsplat.protocol.messages.session_messages import Alive
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.addresses import plain_host
-from volsplat.protocol.wire.channel import Channel, plain_channel, unsent
+from volsplat.protocol.wire.channel import Channel, PlainChannel, unsent
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
@@ -60,7 +60,7 @@ class Connection:
         self.peers_silence = 0.0  # seconds after which the other end takes silence for a loss, once it has said so
         self._decoder = Decoder()
         self.descriptors = ReceivedDescriptors()  # the receiving thread's
-        self._channel: Channel = plain_channel(connected, self.descriptors)
+        self._channel: Channel = PlainChannel(connected, self.descriptors)
         self.binding = b""  # what proofs are bound to: the fingerprint of the accepter's certificate
         self._outgoing = Speech()
         self._deadline: float | None = None

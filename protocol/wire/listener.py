@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import LOOPBACK
 from volsplat.protocol.wire.encryption import Encryption
@@ -26,13 +25,10 @@ class Listener(Port):
         assign_id: Callable[[Hello], int] | None = None,
         token_of: Callable[[Hello], Token] | None = None,
         allocate: Allocate = new_buffer,
-        versions: VersionRange = SPOKEN,
         handshake_seconds: float = HANDSHAKE_SECONDS,
         most_pending: int = MOST_PENDING,
         encryption: Encryption = Encryption.BETWEEN_MACHINES,
     ) -> None:
         """See Accepter and Port. Raises BadInput where the address cannot be had."""
-        self.accepter = Accepter(
-            role, token, assign_id=assign_id, token_of=token_of, allocate=allocate, versions=versions
-        )
+        self.accepter = Accepter(role, token, assign_id=assign_id, token_of=token_of, allocate=allocate)
         super().__init__(self.accepter.greet, host, port, handshake_seconds, most_pending, encryption)

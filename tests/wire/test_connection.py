@@ -27,6 +27,7 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
 from volsplat.protocol.text.rare_lines import MOST_AT_ONCE, RareLines
+from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.connection import OWN_OUTPUT, SHORT_MESSAGE, Connection, ConnectionClosed
 from volsplat.protocol.wire.dialling import connect
@@ -34,6 +35,7 @@ from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
+from volsplat.protocol.wire.port import Port
 from volsplat.protocol.wire.socket_options import TIMEVAL
 from volsplat.protocol.wire.tokens import new_token
 
@@ -379,7 +381,7 @@ def test_another_token_ends_in_one_line_on_both_sides(host: str, lines: Lines) -
 
 def test_another_version_ends_in_one_line_on_both_sides(host: str, lines: Lines) -> None:
     later = VersionRange(SPOKEN.newest + 1, SPOKEN.newest + 2)
-    with Listener(Role.CLIENT, TOKEN, host=host, versions=later) as listener:
+    with Port(Accepter(Role.CLIENT, TOKEN, versions=later).greet, host, 0) as listener:
         with pytest.raises(BadInput, match=f"{SPOKEN},.*{later}"):
             connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
         line = lines.next()

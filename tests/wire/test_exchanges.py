@@ -36,7 +36,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session.server_links import ServerIds
+from volsplat.client.session.server_links import server_id
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages
@@ -49,6 +49,7 @@ from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.text import rare_lines
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.accepting import IdCounter
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import HEADER, MAGIC, Decoder, encode
@@ -321,12 +322,10 @@ def test_guests_that_come_and_go_leave_nothing(lasting: tuple[Session, SinglePro
 
 
 def test_no_more_servers_join_than_messages_can_name() -> None:
-    joining = ServerIds(lambda: present)
-    present = messages.MAX_SERVERS - 1
-    assert joining(new_hello(Role.MAPSHADE_SERVER)) == 1
-    present += 1
+    hello, numbers = new_hello(Role.MAPSHADE_SERVER), IdCounter()
+    assert server_id(hello, messages.MAX_SERVERS - 1, numbers) == 1
     with pytest.raises(BadInput, match="4096 servers have joined already"):
-        joining(new_hello(Role.MAPSHADE_SERVER))
+        server_id(hello, messages.MAX_SERVERS, numbers)
 
 
 def test_a_failed_session_says_who_failed_it() -> None:
