@@ -76,9 +76,19 @@ def _own() -> Iterator[str]:
     yield from (*LIBRARIES, *FIGURES, sys.prefix, sys.base_prefix, sys.exec_prefix, *site.getsitepackages())
     if site.ENABLE_USER_SITE:
         yield site.getusersitepackages()
+    yield from _added_to_path()
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] == volsplat.__name__:
             yield from getattr(module, "__path__", ())
+
+
+def _added_to_path() -> list[str]:
+    """Where PYTHONPATH, as environment modules set it, and .pth files say that more libraries lie.
+
+    Not where the program was begun, which Python puts first by itself.
+    """
+    begun = 0 if sys.flags.safe_path else 1
+    return [place for place in sys.path[begun:] if place and not Path.cwd().is_relative_to(place)]
 
 
 def _allow(libc: ctypes.CDLL, rules: int, place: str) -> None:

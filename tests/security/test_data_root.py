@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -221,3 +222,29 @@ def test_the_scratch_folder_of_a_killed_server_ends_with_the_next_one_s(root: Pa
                 left = folders
                 server.kill()
                 connection.close()
+
+
+IMPORTS_LATER = """
+import sys
+from pathlib import Path
+from volsplat.program.confinement import confine_reading
+confine_reading([])
+import filters
+try:
+    Path("secret.txt").read_text()
+except PermissionError:
+    sys.exit(0)
+sys.exit("the folder of the command was read")
+"""
+
+
+def test_libraries_that_pythonpath_names_are_found_and_the_folder_of_the_command_stays_closed(tmp_path: Path) -> None:
+    """Environment modules of a cluster set it; Python itself adds the folder."""
+    (tmp_path / "modules").mkdir()
+    (tmp_path / "modules" / "filters.py").touch()
+    (tmp_path / "secret.txt").touch()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(["modules", ""])}
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS_LATER], cwd=tmp_path, env=environment, capture_output=True, timeout=PATIENCE
+    )
+    assert done.returncode == 0, done.stderr.decode()
