@@ -123,6 +123,15 @@ def test_the_head_of_a_small_window_has_two_lines_and_nothing_in_it_is_cut_off(p
     assert page.evaluate("() => document.documentElement.scrollWidth") == width
 
 
+@pytest.mark.parametrize("width", [900, 1000, 1100])
+def test_the_head_of_a_window_just_wide_enough_for_panels_is_one_line_with_the_name(page: Page, width: int) -> None:
+    page.set_viewport_size(window_of((width, 700)))
+    name, save = page.locator(".vs-name").first, page.get_by_role("button", name="save")
+    assert name.evaluate("(name) => name.clientWidth >= name.scrollWidth && name.clientWidth > 0")
+    assert save.evaluate("(save) => save.clientHeight < 2 * parseFloat(getComputedStyle(save).lineHeight)")
+    assert page.evaluate("() => document.documentElement.scrollWidth") == width
+
+
 @pytest.mark.parametrize("size", [TELEPHONE, TABLET], ids=["telephone", "tablet"])
 def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(page: Page, size: tuple[int, int]) -> None:
     from playwright.sync_api import expect
