@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -103,6 +104,12 @@ def test_the_picture_is_copied_as_it_is_on_the_screen(page: Page) -> None:
     page.keyboard.press("Control+c")
     page.get_by_text("The picture is on the clipboard.").wait_for()
     assert page.evaluate(CLIPBOARD) == page.evaluate("volsplatViewport.canvas.toDataURL()")
+
+
+def test_a_browser_that_refuses_a_copy_is_cited_with_what_to_do_instead(page: Page) -> None:
+    page.context.clear_permissions()
+    page.get_by_role("button", name="copy the picture").click()
+    page.get_by_text(re.compile(r"The picture could not be copied: .*[^.]; save it instead\.$")).wait_for()
 
 
 def test_without_a_clipboard_copies_are_refused_in_words(fresh_page: Page) -> None:

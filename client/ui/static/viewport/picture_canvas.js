@@ -59,7 +59,8 @@ export class PictureCanvas {
       await navigator.clipboard.write([new ClipboardItem({ "image/png": /** @type {Promise<Blob>} */ (png) })]);
       return "The picture is on the clipboard.";
     } catch (error) {
-      return `The picture could not be copied: ${/** @type {Error} */ (error).message}; save it instead.`;
+      const why = /** @type {Error} */ (error).message.replace(/\.$/, "");
+      return `The picture could not be copied: ${why}; save it instead.`;
     }
   }
 
