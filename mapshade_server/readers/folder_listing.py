@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.arrays import raw_voxels
-from volsplat.mapshade_server.readers.medicine import dicom_series, picture_folder, tiff_folder
+from volsplat.mapshade_server.readers.medicine import dicom_file, dicom_series, picture_folder, tiff_folder
 from volsplat.mapshade_server.readers.open_volume import format_of, head_of
 from volsplat.mapshade_server.readers.part_listing import parts_of
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeFormat
@@ -158,6 +158,8 @@ def _format(state: _State) -> VolumeFormat | None:
 def _format_by_head(state: _State) -> VolumeFormat | None:
     packed, head = head_of(state.path)
     found = format_of(state.path, head) if head else None
+    if found is None and not packed and dicom_file.recognises_old(head):
+        return dicom_series.FORMATS[0]
     return None if found is None or (packed and not found.gzip) else found
 
 

@@ -13,7 +13,7 @@ import zarr
 from astropy.io import fits
 
 from support.files.counted_bytes import bytes_read
-from support.files.dicom_files import numbered, series
+from support.files.dicom_files import numbered, series, without_preambles
 from support.files.reflection_files import mtz
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -86,6 +86,12 @@ def test_the_only_series_of_a_folder_goes_by_the_folders_name(root: Path) -> Non
     series(root / "scan", numbered(5), SeriesDescription="HEAD")
     (only,) = look(root, "scan").entries
     assert (only.name, only.part) == ("", "") and "“HEAD”" in only.kind
+
+
+def test_a_series_whose_files_have_no_preamble_is_told_as_any(root: Path) -> None:
+    told = look(root, series(root / "scan", numbered(5), SeriesDescription="HEAD").name).entries
+    without_preambles(root / "scan")
+    assert look(root, "scan").entries == told != []
 
 
 def test_nothing_outside_of_the_root_is_told_of_whatever_leads_there(root: Path) -> None:

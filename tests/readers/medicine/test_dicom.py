@@ -37,6 +37,7 @@ from support.files.dicom_files import (
     series,
     slice_file,
     with_pixels,
+    without_preambles,
 )
 from support.files.opened import described, read_whole
 from support.files.refusals import assert_refused_in_one_line
@@ -700,11 +701,7 @@ def test_a_table_of_values_is_looked_up_and_holds_beyond_its_ends(tmp_path: Path
 
 
 def test_old_files_without_a_preamble_are_found(tmp_path: Path) -> None:
-    folder = series(tmp_path / "s", VALUES)
-    for path in folder.iterdir():
-        raw = path.read_bytes()
-        start = raw.index(b"\x08\x00\x16\x00UI")
-        path.write_bytes(raw[start:])
+    folder = without_preambles(series(tmp_path / "s", VALUES))
     old = max(folder.iterdir())
     (folder / "raw").write_bytes(np.arange(8, 4000, dtype="<u2").tobytes())
     np.testing.assert_array_equal(read_whole(folder), VALUES)

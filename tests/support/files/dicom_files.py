@@ -120,6 +120,14 @@ def enhanced(
     return saved(path, with_pixels(one, values))
 
 
+def without_preambles(folder: Path) -> Path:
+    """Its files as the oldest are, which begin with their first element."""
+    for path in folder.iterdir():
+        whole = path.read_bytes()
+        path.write_bytes(whole[whole.index(b"\x08\x00\x16\x00UI") :])
+    return folder
+
+
 def numbered(count: int, dims: tuple[int, int] = (7, 6), first: int = 0) -> Voxels:
     """`count` planes of (i, j) `dims`, every pixel different."""
     size = dims[0] * dims[1]
