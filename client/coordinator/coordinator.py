@@ -325,7 +325,7 @@ class Coordinator:
         servers, asked = self.servers, self._asked
         if asked is not None and asked.memory is not None:
             return dict.fromkeys(workers, asked.memory)
-        left = {worker: servers.machines[worker].memory_bytes for worker in workers}
+        left = {worker: servers.states[worker].memory_bytes for worker in workers}
         return budgets(left, {worker: servers.joined[worker].host for worker in left})
 
     # -- what servers say

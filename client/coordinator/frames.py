@@ -62,9 +62,7 @@ class Frames:
             return [EndFrame(event.frame)]
         self._newest = event.frame
         replaced = self.frame
-        self.frame = RunningFrame(
-            event.frame, event.scene, event.step, event.require_complete, exact=event.exact, thinning=event.thinning
-        )
+        self.frame = RunningFrame(**vars(event))
         begun = self.begin()
         if replaced is None:
             return begun
@@ -109,7 +107,7 @@ class Frames:
             frame=frame.frame,
             assignment=holding.assignment,
             drawing=drawing,
-            workers={worker: servers.machines[worker].threads for worker in holding.boxes},
+            workers={worker: servers.states[worker].threads for worker in holding.boxes},
             regions=self._shares.regions(drawing.plan, servers.owners),
             exact=frame.exact,
             paced=self._hidden.much,

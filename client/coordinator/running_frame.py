@@ -8,7 +8,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
-from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
+from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.rules.regions import Rectangle, lines_of, rectangle_of
 from volsplat.protocol.text.errors import RemoteProtocolError
 
@@ -20,12 +20,14 @@ def progress_words(step: Step, share_done: float) -> str:
 
 @dataclass
 class RunningFrame:
+    """What was asked for, as FrameAsked has it, and what has come of it."""
+
     frame: int
-    scene: Scene
+    scene: Scene  # settled once it is known which volume it is of
     step: Step
-    require_complete: bool  # only an image that shows the whole volume is wanted
-    exact: bool = True  # bit for bit; else it is only looked at
-    thinning: Thinning = ALL_VOXELS
+    require_complete: bool
+    exact: bool
+    thinning: Thinning
     request: RenderFrame | None = None  # as it was sent to the servers
     rectangles: dict[int, Rectangle] = field(default_factory=dict)  # of the image, by splat server
     why_level: str = ""

@@ -25,7 +25,8 @@ class ServerState:
     id: int
     role: Role
     host: str  # where it dials from
-    threads: int = 0  # that it may use; 0 until it has told
+    threads: int = 0  # that it may use; 0 until it has told, as the next one is
+    memory_bytes: int = 0  # that its machine has left for it
     boxes: tuple[Box, ...] = ()  # what it holds of the volume, or held when it was lost
     lost: bool = False
     cause: str = ""  # how it was lost, in one line
@@ -37,6 +38,11 @@ class ServerState:
     @property
     def name(self) -> str:
         return f"{self.role} {self.id}"
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it has told what it has."""
+        return self.threads > 0
 
     @property
     def voxels(self) -> int:

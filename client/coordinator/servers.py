@@ -23,7 +23,6 @@ class Servers:
 
     def __init__(self) -> None:
         self.joined: dict[int, ServerJoined] = {}  # those that are there
-        self.machines: dict[int, MachineDescribed] = {}  # of those of them that have told
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
         self._unlinked: set[str] = set()  # processes that no splat server could be reached from
@@ -42,14 +41,14 @@ class Servers:
     @property
     def owners(self) -> dict[int, int]:
         """The splat servers that draw, each with the number of its threads that may own a region."""
-        return {server: self.machines[server].threads for server in self.splat_servers}
+        return {server: self.states[server].threads for server in self.splat_servers}
 
     def ready(self, role: Role) -> list[int]:
         """Those of a role that have told what they have, in an order that is the same for each of their clients.
 
         Those that are lost again and again are the last.
         """
-        of_role = [n for n in self.machines if self.joined[n].role == role]
+        of_role = [n for n, joined in self.joined.items() if joined.role == role and self.states[n].is_known]
         return sorted(of_role, key=lambda n: (self._is_unsteady(n), self.joined[n].process, n))
 
     def _is_unsteady(self, server: int) -> bool:
@@ -58,7 +57,7 @@ class Servers:
     @property
     def all_are_known(self) -> bool:
         """Whether all that are there have told what they have. Soon they will, or be lost."""
-        return self.machines.keys() == self.joined.keys()
+        return all(self.states[n].is_known for n in self.joined)
 
     def name(self, server: int) -> str:
         return self.joined[server].name
@@ -79,8 +78,8 @@ class Servers:
             self.note(replace(state, boxes=held) for state, held in told if state.boxes != held)
 
     def describe(self, server: int, machine: MachineDescribed) -> None:
-        self.machines[server] = machine
-        self.note([replace(self.states[server], threads=machine.threads)])
+        state = self.states[server]
+        self.note([replace(state, threads=machine.threads, memory_bytes=machine.memory_bytes)])
 
     def idle(self) -> list[int]:
         """Map/shade servers that hold nothing, and could.
@@ -132,7 +131,6 @@ class Servers:
         joined = self.joined.pop(server, None)
         if joined is None:
             return None
-        self.machines.pop(server, None)
         self.leaving = [n for n in self.leaving if n != server]
         if server not in (*self.splat_servers, *self.workers):
             self.states = {n: state for n, state in self.states.items() if n != server}
@@ -159,7 +157,7 @@ class Servers:
         """Raises AssertionError if an invariant is broken."""
         present = {n for n, state in self.states.items() if not state.lost}
         assert present == self.joined.keys(), "the states are not those of the servers that are there"
-        assert self.machines.keys() <= present, "a machine is known whose server is gone"
-        assert set(self.splat_servers) <= self.machines.keys(), "a splat server draws that is gone, or unknown"
+        known = {n for n in present if self.states[n].is_known}
+        assert set(self.splat_servers) <= known, "a splat server draws that is gone, or unknown"
         assert set(self.leaving) <= present, "a server is to be let go that is gone"
         assert all(state.lost == bool(state.cause) for state in self.states.values()), "a loss without a cause"
