@@ -63,3 +63,6 @@ def complete_files(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
 
 volume_argument = click.argument("volume", shell_complete=complete_files)
+volumes_argument = click.argument(
+    "volumes", nargs=-1, required=True, metavar="VOLUME...", shell_complete=complete_files
+)

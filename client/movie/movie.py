@@ -11,8 +11,9 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -37,7 +38,7 @@ _ENDING_INTERVAL = 0.1  # seconds between two questions whether to cancel while 
 _LONGEST_COMPLAINT = 300  # characters of what ffmpeg says
 
 Pixels = NDArray[np.float32]
-Put = Callable[[Pixels, Scene], None]  # takes the next frame: (H, W, 4), associated
+Put = Callable[[Pixels, Scene, VolumeDescription], None]  # takes the next frame: (H, W, 4), associated
 
 
 class MovieCancelled(Exception):
@@ -45,7 +46,7 @@ class MovieCancelled(Exception):
 
 
 def write_movie(
-    renderer: Finisher,
+    renderers: Iterable[Finisher],
     scenes: Sequence[Scene],
     path: Path,
     rate: int,
@@ -56,28 +57,32 @@ def write_movie(
 ) -> None:
     """Draw each scene at one step into an .mp4 or .webm of `rate` frames a second, or into a folder of PNG images.
 
-    With a figure each image is one, all as large as the largest. `on_progress` gets the number of frames that are
-    done. Raises BadInput if the movie cannot be written or a scene does not fit the volume, VolsplatError if ffmpeg
-    or the servers fail, and MovieCancelled at most one frame after `cancelled` says so; nothing is left behind then.
+    `renderers` gives each scene's in turn, and is asked for the next one once the frame before is written. With a
+    figure each image is one, all as large as the largest. `on_progress` gets the number of frames that are done.
+    Raises BadInput if the movie cannot be written or a scene does not fit the volume, VolsplatError if ffmpeg or the
+    servers fail, and MovieCancelled at most one frame after `cancelled` says so; nothing is left behind then.
     """
     scenes = [checked_scene(scene) for scene in scenes]
     width, height = _size_of_all(scenes)
     check_movie_writable(path)
-    drawn_about = FrameFigure(figure, scenes, renderer.volume) if figure is not None else None
+    drawn_by = iter(renderers)
+    first = next(drawn_by)
+    drawn_about = FrameFigure(figure, scenes, first.volume) if figure is not None else None
     if drawn_about is not None:
         width, height = drawn_about.extent
     encoder = video_encoder(path)
     if encoder is None:
-        opened = _images(path, renderer.volume.description, figure)
+        opened = _images(path, figure)
     else:
         opened = _video(path, encoder, rate, width, height, cancelled)
     try:
         with opened as put:
-            for done, scene in enumerate(scenes):
+            for done, (scene, renderer) in enumerate(zip(scenes, chain([first], drawn_by), strict=False)):
                 image = finished_pixels(renderer, scene, step, cancelled)
                 if image is None:
                     raise MovieCancelled
-                put(image if drawn_about is None else drawn_about.pixels(image, scene), scene)
+                frame = image if drawn_about is None else drawn_about.pixels(image, scene)
+                put(frame, scene, renderer.volume.description)
                 on_progress(done + 1)
             if cancelled():
                 raise MovieCancelled
@@ -94,7 +99,7 @@ def _size_of_all(scenes: Sequence[Scene]) -> tuple[int, int]:
 
 
 @contextmanager
-def _images(folder: Path, description: VolumeDescription, figure: Figure | None) -> Iterator[Put]:
+def _images(folder: Path, figure: Figure | None) -> Iterator[Put]:
     """Numbers the images from 1 in a hidden folder within `folder`; they move up when all are there."""
     made = not folder.exists()
     hidden = temporary_name(folder / "frames")
@@ -102,7 +107,7 @@ def _images(folder: Path, description: VolumeDescription, figure: Figure | None)
     whole = False
     dpi, transparent = (figure.dpi, figure.transparent) if figure is not None else (None, False)
 
-    def put(image: Pixels, scene: Scene) -> None:
+    def put(image: Pixels, scene: Scene, description: VolumeDescription) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))
         try:
             properties = image_properties(description, scene)
@@ -151,7 +156,7 @@ def _video(
             assert frames is not None
             refused = False
             try:
-                yield lambda image, scene: _send(frames, _levels(image, scene))
+                yield lambda image, scene, description: _send(frames, _levels(image, scene))
                 frames.close()
             except BrokenPipeError:
                 refused = True

@@ -7,6 +7,7 @@ from nicegui import ui
 from volsplat.client.ui.controls.page_frame import page_frame, theme_button
 from volsplat.client.ui.controls.scene_upload import SceneUpload
 from volsplat.client.ui.opening.dropped_files import DroppedFiles, refuse
+from volsplat.client.ui.opening.next_volume import NextVolume
 from volsplat.client.ui.opening.open_dialog import OpenDialog
 from volsplat.client.ui.opening.opening import Opening
 from volsplat.client.ui.panels.colour_bar import ColourBar
@@ -43,6 +44,8 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             ui.label(" × ".join(str(n) for n in description.geometry.dims)).classes("vs-muted")
             volume_information(viewing.volume)
             dialog = OpenDialog(opening) if opening is not None else None
+            if opening is not None and opening.may_step:
+                NextVolume(opening)
             steps_bar(viewing)
             ui.element("div").classes("vs-spread")
             scenes = SceneUpload(viewing)

@@ -91,6 +91,16 @@ class SurveyedVolume:
             has_strength=self.description.second_scalar is None,
         )
 
+    def windowed(self, scene: Scene) -> Scene:
+        """The scene with the density window that it has for this volume, so that others show the same values alike.
+
+        A prepared one has a window of its own, which no scene sets.
+        """
+        if self.prepared is not None:
+            return scene
+        window = self.quantisation(scene.quantise).window
+        return msgspec.structs.replace(scene, quantise=msgspec.structs.replace(scene.quantise, window=window))
+
     def density_histogram(self, quantise: Quantise = Quantise()) -> DensityHistogram:  # noqa: B008 - immutable
         """The histogram of density bytes under the scene's window. Raises BadInput for one without a scale."""
         return self.subject(quantise).histogram

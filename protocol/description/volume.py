@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import chain
 from operator import le
 from typing import NamedTuple
 
@@ -20,6 +21,8 @@ LONGEST_AXIS = 2**31 - 1  # voxels
 MOST_VOXELS = 2**48  # of a volume: their bytes are counted in 64 bits, and so is what is kept of each
 
 KEPT_PLACES = 64  # matrices of which what follows is remembered: each frame brings the same ones to each server
+
+_SAME_STEP = 1e-3  # of a voxel, by which the steps of grids that are alike may differ
 
 HALO = 1  # voxels around a sub-cube that its gradients need
 
@@ -149,6 +152,12 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def reference_spacing(self) -> float:
         """The cube root of a voxel's volume, in physical units."""
         return _reference_spacing(self.index_to_physical)
+
+    def is_like(self, other: "Geometry") -> bool:
+        """Whether it has the same size and, within a thousandth of a voxel, the same steps; wherever it lies."""
+        steps = zip(chain(*self.index_to_physical), chain(*other.index_to_physical), strict=True)
+        nearest = _SAME_STEP * self.reference_spacing
+        return self.dims == other.dims and all(abs(a - b) <= nearest for a, b in steps)
 
     def physical(self, index: Vector) -> Vector:
         """The physical position of a grid point."""

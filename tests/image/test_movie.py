@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from itertools import repeat
 from pathlib import Path
 
 import msgspec
@@ -81,7 +82,7 @@ def target(folder: Path, kind: str) -> Path:
 def written(single: SingleProcess, scenes: list[Scene], path: Path) -> list[int]:
     """Write the movie; what was told of its progress."""
     told: list[int] = []
-    write_movie(single, scenes, path, 10, told.append, lambda: False)
+    write_movie(repeat(single), scenes, path, 10, told.append, lambda: False)
     return told
 
 
@@ -198,7 +199,7 @@ def test_frames_that_others_push_aside_are_drawn_again(single: SingleProcess, he
         disturber = threading.Thread(target=disturb)
         disturber.start()
         scenes = scenes_of(single)
-        write_movie(session, scenes, tmp_path / "turn", 10, lambda drawn: None, lambda: False)
+        write_movie(repeat(session), scenes, tmp_path / "turn", 10, lambda drawn: None, lambda: False)
         done.set()
         disturber.join()
     for image, scene in zip(sorted((tmp_path / "turn").iterdir()), scenes, strict=True):
@@ -222,7 +223,7 @@ def test_a_cancelled_movie_leaves_everything_as_it_was(
         path.write_bytes(b"an older film")
     told: list[int] = []
     with pytest.raises(MovieCancelled):
-        write_movie(single, scenes_of(single), path, 10, told.append, lambda: len(told) == after)
+        write_movie(repeat(single), scenes_of(single), path, 10, told.append, lambda: len(told) == after)
     assert told == list(range(1, after + 1))
     assert os.listdir(tmp_path) == ([path.name] if there else [])
     if there:

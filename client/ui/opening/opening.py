@@ -6,13 +6,14 @@ import asyncio
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from os.path import normpath
 from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.client.scene.resized import sized
 from volsplat.client.session.session import Session
-from volsplat.client.ui.opening.kept_tables import with_tables_of
+from volsplat.client.ui.opening.kept_look import with_look_of, with_tables_of
 from volsplat.client.ui.opening.phantom_files import GIVEN_UP, PhantomFiles
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.viewing.restart import Restart
@@ -31,6 +32,14 @@ Say = Callable[[str], None]
 # what takes time.
 OpenSession = Callable[[str, str | None, Say], Session]
 MakeViewing = Callable[[Session, Scene | None], Viewing]  # of a scene, or of the one that suits the volume
+
+
+class Keep(StrEnum):
+    """What the next volume has of the one before."""
+
+    NOTHING = "nothing"
+    TABLES = "its tables"
+    LOOK = "all of its scene, if it is of the same series"
 
 
 class Place(NamedTuple):
@@ -126,6 +135,31 @@ class Opening:
         """The parts that a volume has, none where nothing can be chosen. As `listed`, and raises what opening would."""
         return self.listed(str(place), "")
 
+    @property
+    def may_step(self) -> bool:
+        """Whether it is known what stands beside the volume that is shown."""
+        return self._place is not None and not self._place.is_phantom
+
+    def beside(self, further: int) -> Place:
+        """The volume so much further on than what is shown, among the parts of its file or else in its folder.
+
+        Waits for a server. Raises BadInput where there is none, and PeerLost.
+        """
+        place = self._place
+        if place is None or place.is_phantom:
+            raise BadInput("no folder is known in which a next volume could be; choose one (O)")
+        if place.part:
+            places = [place._replace(part=one.part) for one in self.parts(place._replace(part="")).entries]
+        else:
+            listed = self.listed(place.folder, "").entries
+            places = [Place(place.folder, one.name, one.part) for one in listed if one.is_volume]
+        if place not in places:
+            raise BadInput(f"{place}: nothing tells what comes next; choose a volume (O)")
+        at = places.index(place) + further
+        if not 0 <= at < len(places):
+            raise BadInput(f"{place} is the {'first' if further < 0 else 'last'} of {len(places)} volumes here")
+        return places[at]
+
     def place_named(self, folder: str, typed: str) -> Place | str:
         """The volume at the end of a way from a folder, or from the root, or the folder there.
 
@@ -170,7 +204,7 @@ class Opening:
             if entry.name == dropped.name and entry.is_folder >= dropped.is_folder
         ]
 
-    async def open(self, place: Place, keep_tables: bool) -> None:
+    async def open(self, place: Place, keep: Keep) -> None:
         """Show this volume, in all tabs, once it can be drawn; returns then.
 
         Raises BadInput and PeerLost if it cannot be; then all is as before.
@@ -184,7 +218,7 @@ class Opening:
         self._cancelled = False
         self._tell(News(str(place), "starting"))
         try:
-            opened = await asyncio.to_thread(self._opened, place, viewing, keep_tables)
+            opened = await asyncio.to_thread(self._opened, place, viewing, keep)
             if self._cancelled:
                 await asyncio.to_thread(self._let_go, opened)
                 raise BadInput(GIVEN_UP)
@@ -214,18 +248,18 @@ class Opening:
         self._note(place)
         self._shown.take(opened, restart)
 
-    def _opened(self, place: Place, before: Viewing | None, keep_tables: bool) -> Viewing:
+    def _opened(self, place: Place, before: Viewing | None, keep: Keep) -> Viewing:
         self._check(place)
         if self._alone:
             self._shown.leave()
         try:
-            return self._made(place, before, keep_tables)
+            return self._made(place, before, keep)
         except BaseException:
             if self._alone:
                 self._shown.come_back()
             raise
 
-    def _made(self, place: Place, before: Viewing | None, keep_tables: bool) -> Viewing:
+    def _made(self, place: Place, before: Viewing | None, keep: Keep) -> Viewing:
         session = self._open_session(*self._name_of(place), self._say)
         try:
             self._shown.expect(session)
@@ -234,7 +268,7 @@ class Opening:
             session.volume.check_has_values()
             viewing = self._make_viewing(session, self._left.get(place))
             if before is not None:
-                _look_as(viewing, before, keep_tables)
+                _look_as(viewing, before, keep)
             return viewing
         except BaseException as error:
             session.close(another=self._alone)
@@ -276,12 +310,11 @@ class Opening:
             self.news.tell(news)
 
 
-def _look_as(viewing: Viewing, before: Viewing, keep_tables: bool) -> None:
-    """Show a volume in the size of the one before, and with its tables where those are kept. Nothing can be undone."""
-    if keep_tables:
-        viewing.model.change(
-            lambda scene: with_tables_of(before.model.scene, scene, before.volume, viewing.session.volume)
-        )
+def _look_as(viewing: Viewing, before: Viewing, keep: Keep) -> None:
+    """Show a volume in the size of the one before, and with what is kept of its scene. Nothing can be undone."""
+    if keep is not Keep.NOTHING:
+        kept_of = with_tables_of if keep is Keep.TABLES else with_look_of
+        viewing.model.change(lambda scene: kept_of(before.model.scene, scene, before.volume, viewing.session.volume))
     size = before.model.scene.image
     viewing.image_size.follows_window = before.image_size.follows_window
     viewing.model.change(lambda scene: sized(scene, width=size.width, height=size.height))

@@ -12,7 +12,7 @@ from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.opening.folder_list import FOLDER, PHANTOM, UP, VOLUME, FolderList, Row
-from volsplat.client.ui.opening.opening import Dropped, News, Opening, Place
+from volsplat.client.ui.opening.opening import Dropped, Keep, News, Opening, Place
 from volsplat.client.ui.opening.phantom_files import PHANTOMS
 from volsplat.protocol.messages.folder_messages import FolderEntry, FolderListed
 from volsplat.protocol.text.byte_sizes import size_on_disk
@@ -207,7 +207,7 @@ class VolumeChooser:
         """Every tab is loaded anew once it is there."""
         self._trouble.text = ""
         try:
-            await self._opening.open(place, self._keep.value)
+            await self._opening.open(place, Keep.TABLES if self._keep.value else Keep.NOTHING)
         except VolsplatError as error:
             self._trouble.text = str(error)
 

@@ -11,6 +11,7 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
@@ -222,7 +223,8 @@ class MovieJob:
         from volsplat.client.movie.movie import MovieCancelled, write_movie
 
         try:
-            write_movie(renderer, scenes, self.path, rate, self._on_progress, self._cancelled.is_set, step, figure)
+            drawn, cancelled = self._on_progress, self._cancelled.is_set
+            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, step, figure)
             self.whole = True
             self.line = f"{self._frames} images"
         except MovieCancelled:

@@ -7,6 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import nibabel
+import numpy as np
 import psutil
 import pytest
 import torch
@@ -43,6 +45,10 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_volume(root / "molecules" / "protein.nrrd", *make_phantom("protein", SIZE))
     (root / "damaged.nrrd").write_bytes((root / "head.nrrd").read_bytes()[:200])
     series(root / "scan", numbered(9), SeriesNumber="4", SeriesDescription="T2 AX")
+    times = np.stack(
+        [np.ones(SIZE, np.float32) * np.arange(SIZE[0], dtype=np.float32)[:, None, None], np.ones(SIZE, np.float32)], -1
+    )
+    nibabel.save(nibabel.Nifti1Image(times, np.eye(4)), root / "beat.nii")
     (root / "way out").symlink_to(root.parent)
     write_volume(root.parent / "secret.nrrd", *make_phantom("protein", SIZE))
     return root
@@ -103,6 +109,24 @@ def test_another_volume_is_opened_by_keys_and_every_tab_goes_over_to_it_and_back
     for tab in (page, other):
         shows(tab, "head.nrrd")
     assert torch.equal(canvas(page), turned), "it is as it was left"
+
+
+def test_page_down_shows_the_next_time_of_a_series_as_this_one_is_shown(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    page.keyboard.press("o")
+    entry(page, "beat.nii").click()
+    dialog(page).get_by_role("button", name="volume 0 of 0 to 1").click()
+    shows(page, "beat.nii#0")
+    turned = after(page, lambda: drag(page, 60, 20))
+    page.keyboard.press("PageDown")
+    shows(page, "beat.nii#1")
+    assert not torch.equal(canvas(page), turned), "it has other values"
+    page.keyboard.press("PageUp")
+    shows(page, "beat.nii#0")
+    assert torch.equal(canvas(page), turned)
+    page.keyboard.press("PageUp")
+    expect(page.locator(".q-notification")).to_contain_text("beat.nii#0 is the first of 2 volumes here")
 
 
 def test_a_series_is_found_by_its_description_and_a_name_by_a_part_of_it(page: Page) -> None:

@@ -37,7 +37,7 @@ from volsplat.client.coordinator.coordinator_events import (
 from volsplat.client.coordinator.folder_listings import MOST_WAITING
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.ui.opening.opening import Opening, Place, place_below
+from volsplat.client.ui.opening.opening import Keep, Opening, Place, place_below
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.page import page
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
@@ -172,12 +172,12 @@ def test_a_volume_that_is_opened_again_is_as_it_was_left_and_undo_begins_with_it
         before = opened.viewing
         before.model.change(with_edge)
         left = before.model.scene
-        await opened.opening.open(PROTEIN, keep_tables=False)
+        await opened.opening.open(PROTEIN, Keep.NOTHING)
         protein = opened.viewing
         assert opened.name == "protein.nrrd" and protein.number == before.number + 1
         assert protein.model.scene.tables == protein.default_scene.tables != left.tables
         assert not protein.model.can_undo
-        await opened.opening.open(HEAD, keep_tables=False)
+        await opened.opening.open(HEAD, Keep.NOTHING)
         assert opened.name == "head.nrrd" and opened.viewing.model.scene == left
         assert opened.opening.recent == [HEAD, PROTEIN]
 
@@ -196,7 +196,7 @@ def test_nothing_is_kept_of_volumes_that_were_shown_once_their_pages_are_gone(op
         shown.append(weakref.ref(opened.viewing))
         with Client(ui.page("/"), request=request) as client:
             page(opened.viewing, opened.shown.restart, opened.opening)
-        await opened.opening.open(place, keep_tables=False)
+        await opened.opening.open(place, Keep.NOTHING)
         client.delete()
 
     async def work() -> None:
@@ -212,11 +212,37 @@ def test_tables_are_kept_where_that_is_asked_and_so_is_the_size_of_the_picture(o
         model = opened.viewing.model
         image = msgspec.structs.replace(model.scene.image, width=320, height=200)
         model.change(lambda scene: msgspec.structs.replace(with_edge(scene), image=image))
-        await opened.opening.open(PROTEIN, keep_tables=True)
+        await opened.opening.open(PROTEIN, Keep.TABLES)
         scene = opened.viewing.model.scene
         assert (scene.tables, scene.cross_bar) == (model.scene.tables, model.scene.cross_bar)
         assert (scene.image.width, scene.image.height) == (320, 200)
         assert not opened.viewing.model.can_undo
+
+    opened.within(work)
+
+
+def test_the_volume_beside_is_the_next_of_the_folder_and_shown_likewise_on_the_same_grid(opened: Opened) -> None:
+    densities, *place = make_phantom("head", (16, 18, 20))
+    write_volume(opened.folder / "heated.nrrd", densities * 2, *place)
+    write_volume(opened.folder / "zoomed.nrrd", *make_phantom("head", (16, 18, 10)))
+
+    async def beside(further: int) -> Place:
+        return await asyncio.to_thread(opened.opening.beside, further)
+
+    async def work() -> None:
+        before = opened.viewing
+        before.model.change(with_edge)
+        with pytest.raises(BadInput, match="^head.nrrd is the first of 4 volumes here$"):
+            await beside(-1)
+        await opened.opening.open(await beside(1), Keep.LOOK)
+        kept = before.volume.windowed(before.model.scene)
+        assert opened.name == "heated.nrrd" and opened.viewing.model.scene == kept
+        assert not opened.viewing.model.can_undo
+        await opened.opening.open(await beside(2), Keep.LOOK)
+        assert opened.name == "zoomed.nrrd"
+        assert opened.viewing.model.scene.tables == opened.viewing.default_scene.tables != kept.tables
+        with pytest.raises(BadInput, match="^zoomed.nrrd is the last of 4 volumes here$"):
+            await beside(1)
 
     opened.within(work)
 
@@ -255,7 +281,7 @@ def test_what_cannot_be_opened_is_told_and_what_was_shown_stays(opened: Opened) 
             (Place("", "../head.nrrd"), "is not there, or not below"),
         ):
             with pytest.raises((BadInput, PeerLost), match=why):
-                await opened.opening.open(place, keep_tables=False)
+                await opened.opening.open(place, Keep.NOTHING)
             assert opened.viewing is before and before.session.failure is None
             assert opened.opening.now.opening == "" and opened.opening.recent == [HEAD]
         assert before.session.probe(before.model.scene, 1, 1) is None, "it goes on"
@@ -267,12 +293,12 @@ def test_one_is_opened_at_a_time_and_none_while_a_movie_is_made(opened: Opened) 
     async def work() -> None:
         opened.viewing.jobs += 1
         with pytest.raises(BadInput, match="a movie is being made"):
-            await opened.opening.open(PROTEIN, keep_tables=False)
+            await opened.opening.open(PROTEIN, Keep.NOTHING)
         opened.viewing.jobs -= 1
-        first = asyncio.create_task(opened.opening.open(PROTEIN, keep_tables=False))
+        first = asyncio.create_task(opened.opening.open(PROTEIN, Keep.NOTHING))
         await asyncio.sleep(0)
         with pytest.raises(BadInput, match=r"protein\.nrrd is being opened; wait for it, or cancel that"):
-            await opened.opening.open(HEAD, keep_tables=False)
+            await opened.opening.open(HEAD, Keep.NOTHING)
         await first
         assert opened.name == "protein.nrrd"
 
@@ -283,7 +309,7 @@ def test_what_is_given_up_leaves_no_servers_and_what_was_shown_stays(opened: Ope
     async def work() -> None:
         for at_once in (True, False):
             sessions = len(opened.sessions)
-            task = asyncio.create_task(opened.opening.open(PROTEIN, keep_tables=False))
+            task = asyncio.create_task(opened.opening.open(PROTEIN, Keep.NOTHING))
             await asyncio.sleep(0)
             while not (at_once or task.done()) and len(opened.sessions) == sessions:  # its servers are started
                 await asyncio.sleep(0.001)
@@ -304,10 +330,10 @@ def test_servers_of_one_session_come_back_to_what_was_shown_if_another_volume_ca
     async def work() -> None:
         scene = opened.viewing.model.scene
         with pytest.raises(BadInput, match=r"damaged\.nrrd"):
-            await opened.opening.open(Place("", "damaged.nrrd"), keep_tables=False)
+            await opened.opening.open(Place("", "damaged.nrrd"), Keep.NOTHING)
         assert opened.name == "head.nrrd" and opened.viewing.session.failure is None
         assert opened.viewing.model.scene == scene
-        await opened.opening.open(PROTEIN, keep_tables=False)
+        await opened.opening.open(PROTEIN, Keep.NOTHING)
         assert opened.name == "protein.nrrd"
         assert [session.failure is None for session in opened.sessions] == [False, False, False, True]
 

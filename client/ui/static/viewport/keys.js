@@ -13,6 +13,9 @@ const BY_PLACE = { Equal: "=", Minus: "-", BracketLeft: "[", BracketRight: "]" }
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
+/** A button of the page, which may have none such. @param {string} button its selector */
+const press = (button) => /** @type {HTMLElement | null} */ (document.querySelector(button))?.click();
+
 /** Keys without Ctrl; their names tell of Shift. @type {Record<string, (viewport: Viewport) => void>} */
 const PLAIN = {
   0: (viewport) => viewport.actions.reset(),
@@ -28,7 +31,9 @@ const PLAIN = {
   s: (viewport) => viewport.slices?.toggle(),
   m: (viewport) => viewport.measuring.toggle(),
   g: (viewport) => viewport.slices?.toggleColours(),
-  o: () => /** @type {HTMLElement | null} */ (document.querySelector(".vs-open-volume"))?.click(), // a page may have none
+  o: () => press(".vs-open-volume"),
+  PageUp: () => press(".vs-page-up"),
+  PageDown: () => press(".vs-page-down"),
   "?": (viewport) => viewport.toggleHelp(),
   ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.actions.lookFrom(name)])),
 };
@@ -59,6 +64,7 @@ const LIST = [
   ["M", "measure a distance or an angle, or no longer"],
   ["Shift and pointing", "slices through what is seen there"],
   ["O", "open another volume"],
+  ["Page Up, Page Down", "the volume before, the next one of a series or folder"],
   ["Ctrl C", "copy the picture"],
   ["Ctrl Z", "undo"],
   ["Ctrl Shift Z", "redo"],

@@ -1,4 +1,4 @@
-"""The tables of one volume for another one."""
+"""What one volume looks like, for another one: its tables, or all of its scene."""
 
 from __future__ import annotations
 
@@ -19,3 +19,16 @@ def with_tables_of(kept: Scene, scene: Scene, before: SurveyedVolume, volume: Su
         return scene
     window = before.quantisation(kept.quantise).window
     return msgspec.structs.replace(scene, quantise=msgspec.structs.replace(scene.quantise, window=window))
+
+
+def with_look_of(kept: Scene, scene: Scene, before: SurveyedVolume, volume: SurveyedVolume) -> Scene:
+    """All of the scene `kept` for a volume of the same series: on the same grid, with values in the same unit.
+
+    Any other keeps the `scene` that suits it.
+    """
+    seen, told = before.description, volume.description
+    if not told.geometry.is_like(seen.geometry) or told.value_unit != seen.value_unit:
+        return scene
+    if volume.prepared is not None:
+        return msgspec.structs.replace(kept, quantise=scene.quantise)
+    return before.windowed(kept)

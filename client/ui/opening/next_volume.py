@@ -1,0 +1,39 @@
+"""The page's buttons that open the volume before or after the one that is shown: the next step of a series."""
+
+from __future__ import annotations
+
+import asyncio
+
+from nicegui import context, ui
+
+from volsplat.client.ui.controls.scene_upload import tell_trouble
+from volsplat.client.ui.opening.opening import Keep, News, Opening
+from volsplat.protocol.text.errors import VolsplatError
+
+BUTTONS = {"chevron_left": ("the volume before", "Page Up", -1), "chevron_right": ("the next volume", "Page Down", 1)}
+
+
+class NextVolume:
+    """One tab's. What is opened so looks as what was shown, if it is of the same series."""
+
+    def __init__(self, opening: Opening) -> None:
+        self._opening = opening
+        self._buttons = [self._button(icon, *told) for icon, told in BUTTONS.items()]
+        self._tell(opening.now)
+        context.client.on_delete(opening.news.subscribe(self._tell))
+
+    def _button(self, icon: str, what: str, key: str, further: int) -> ui.button:
+        async def step() -> None:
+            try:
+                place = await asyncio.to_thread(self._opening.beside, further)
+                await self._opening.open(place, Keep.LOOK)
+            except VolsplatError as error:
+                tell_trouble(str(error))
+
+        button = ui.button(icon=icon, color=None, on_click=step).props(f"flat dense round aria-label='open {what}'")
+        button.classes(f"vs-icon-button vs-{key.replace(' ', '-').lower()}")
+        return button.tooltip(f"open {what} of this file or folder, seen likewise ({key})")
+
+    def _tell(self, news: News) -> None:
+        for button in self._buttons:
+            button.set_enabled(not news.opening)
