@@ -160,7 +160,8 @@ def test_without_inertia_a_drag_ends_when_let_go(shown: ShownViewport) -> None:
     assert shown.process.heard_of("view")[-1]["event"] == last
 
 
-def test_with_inertia_the_volume_turns_on_and_comes_to_rest(shown: ShownViewport) -> None:
+def throw(shown: ShownViewport) -> None:
+    """Let the volume go amid a quick turn."""
     shown.page.evaluate("volsplatViewport.steering.inertia = true")
     shown.page.evaluate(
         """() => {
@@ -177,9 +178,30 @@ def test_with_inertia_the_volume_turns_on_and_comes_to_rest(shown: ShownViewport
             say("pointerup", 360, now);
         }"""
     )
+
+
+def test_with_inertia_the_volume_turns_on_and_comes_to_rest(shown: ShownViewport) -> None:
+    throw(shown)
     view = shown.process.wait_for_settled()
     x, _, _ = on_screen(view, matrices.applied(front_to_physical(), (0.0, 0.0, 1.0)))
     assert abs(math.degrees(math.asin(40 / 240)) - math.degrees(math.asin(x))) > 5
+
+
+@pytest.mark.parametrize("hidden_first", [False, True])
+def test_inertia_ends_with_the_tab_out_of_sight_which_has_no_animation_frames(
+    shown: ShownViewport, hidden_first: bool
+) -> None:
+    hide = """() => {
+        window.requestAnimationFrame = () => 1;
+        Object.defineProperty(document, "hidden", { value: true });
+        document.dispatchEvent(new Event("visibilitychange"));
+    }"""
+    if hidden_first:
+        shown.page.evaluate(hide)
+    throw(shown)
+    if not hidden_first:
+        shown.page.evaluate(hide)
+    shown.process.wait_for_settled()
 
 
 # -- keys

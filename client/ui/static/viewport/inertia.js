@@ -12,6 +12,7 @@ const END = 0.02; // degrees per millisecond
 export class Inertia {
   #trail = /** @type {{rotation: Quaternion, at: number}[]} */ ([]);
   #frame = 0;
+  #turning = new AbortController(); // aborted at its end
 
   get turning() {
     return this.#frame !== 0;
@@ -24,31 +25,36 @@ export class Inertia {
 
   stop() {
     cancelAnimationFrame(this.#frame);
+    this.#turning.abort();
     this.#frame = 0;
     this.#trail = [];
   }
 
   /**
    * Let go at time `at`. `turn` is called with each further turn; `end` when there are no more, at once if the
-   * pointer stood still.
+   * pointer stood still, or once nobody sees it any more: a hidden tab has no animation frames.
    * @param {number} at @param {(turn: Quaternion) => void} turn @param {() => void} end
    */
   release(at, turn, end) {
     const [first, last] = [this.#trail[0], this.#trail.at(-1)];
     this.stop();
-    if (!last || at - last.at > STILL || last.at <= first.at) return end();
+    if (document.hidden || !last || at - last.at > STILL || last.at <= first.at) return end();
     const inverse = /** @type {Quaternion} */ (first.rotation.map((part, n) => (n < 3 ? -part : part)));
     const whole = rotation.product(last.rotation, inverse);
     const span = last.at - first.at;
     const speed = (2 * Math.acos(Math.min(1, Math.abs(whole[3]))) * 180) / Math.PI / span;
     const began = performance.now();
     let before = began;
+    const rest = () => {
+      this.stop();
+      end();
+    };
+    this.#turning = new AbortController();
+    const { signal } = this.#turning;
+    document.addEventListener("visibilitychange", () => document.hidden && rest(), { signal });
     const go = (now) => {
       const left = Math.exp(-(now - began) / DECAY);
-      if (speed * left < END) {
-        this.stop();
-        return end();
-      }
+      if (speed * left < END) return rest();
       turn(rotation.power(whole, (left * Math.max(0, now - before)) / span));
       before = now;
       this.#frame = requestAnimationFrame(go);
