@@ -26,7 +26,10 @@ class NextVolume:
         async def step() -> None:
             try:
                 place = await asyncio.to_thread(self._opening.beside, further)
-                await self._opening.open(place, Keep.LOOK)
+                if place is None:
+                    ui.notify(f"this is the {'first' if further < 0 else 'last'} volume here")
+                else:
+                    await self._opening.open(place, Keep.LOOK)
             except VolsplatError as error:
                 tell_trouble(str(error))
 

@@ -140,10 +140,10 @@ class Opening:
         """Whether it is known what stands beside the volume that is shown."""
         return self._place is not None and not self._place.is_phantom
 
-    def beside(self, further: int) -> Place:
+    def beside(self, further: int) -> Place | None:
         """The volume so much further on than what is shown, among the parts of its file or else in its folder.
 
-        Waits for a server. Raises BadInput where there is none, and PeerLost.
+        None beyond the first and the last. Waits for a server. Raises BadInput where no order is known, and PeerLost.
         """
         place = self._place
         if place is None or place.is_phantom:
@@ -156,9 +156,7 @@ class Opening:
         if place not in places:
             raise BadInput(f"{place}: nothing tells what comes next; choose a volume (O)")
         at = places.index(place) + further
-        if not 0 <= at < len(places):
-            raise BadInput(f"{place} is the {'first' if further < 0 else 'last'} of {len(places)} volumes here")
-        return places[at]
+        return places[at] if 0 <= at < len(places) else None
 
     def place_named(self, folder: str, typed: str) -> Place | str:
         """The volume at the end of a way from a folder, or from the root, or the folder there.
