@@ -10,7 +10,13 @@ from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
-from volsplat.mapshade_server.answers.volume_answers import Answer, Surveyed, check_within, counted, store_described
+from volsplat.mapshade_server.answers.volume_answers import (
+    Answer,
+    SurveyAnswers,
+    check_within,
+    counted,
+    store_described,
+)
 from volsplat.mapshade_server.answers.voxel_answers import OfVoxels
 from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
@@ -74,7 +80,7 @@ class HeldVolume:
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
         self._of = NOTHING  # what these are of
-        self._surveyed: Surveyed | None = None  # of that volume's values, which were packed
+        self._surveyed: SurveyAnswers | None = None  # of that volume's values, which were packed
         self._again: messages.ReadSubCubes | None = None  # was answered by what a client before had read
         self._passed: PassedBoxes | None = None
         self._lent: LentVolume | None = None
@@ -181,7 +187,7 @@ class HeldVolume:
         check()
         self._levels, self._of = {0: sub_cubes}, HeldOf(identity=request.identity)
         read = self._read(sub_cubes, request.assignment, started)
-        self._surveyed = Surveyed(request, read) if loan is None else None
+        self._surveyed = SurveyAnswers(request, read) if loan is None else None
         return [read]
 
     @takes(messages.LendVolume)

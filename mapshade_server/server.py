@@ -26,7 +26,7 @@ from volsplat.mapshade_server.frames.frame_tally import FrameTally
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
-from volsplat.mapshade_server.links.data_links import DataLinks
+from volsplat.mapshade_server.links.splat_links import SplatLinks
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.counts import Counts
@@ -79,7 +79,7 @@ class MapShadeServer:
         self._over = False  # the client has ended the session …
         self._another = False  # … and begins another one at once
         self._failure: VolsplatError | None = None  # how the client was lost
-        self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption, threads)
+        self._links = SplatLinks(token, lambda: self._ended, self._heartbeat, encryption, threads)
         self._crew = Crew()
         self._walking = ThreadPoolExecutor(1, "walk")
         self._reading_ahead = ThreadPoolExecutor(1, "read ahead")

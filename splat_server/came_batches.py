@@ -10,7 +10,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import NoThread, RemoteProtocolError
 from volsplat.protocol.wire.shared_memory import check_sealed
 from volsplat.splat_server._kernels import BatchTaker, Bell
-from volsplat.splat_server.merge import Part
+from volsplat.splat_server.merge import WorkerPart
 
 
 @dataclass
@@ -61,7 +61,7 @@ class Came:
         finally:
             os.close(descriptor)
 
-    def follow(self, part: Part, traced: bool) -> None:
+    def follow(self, part: WorkerPart, traced: bool) -> None:
         """The link's worker has this part in the newest frame."""
         if self.taker is not None:
             self.frame = part.frame

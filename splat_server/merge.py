@@ -43,7 +43,7 @@ class _RunningFrame:
 
 
 @dataclass(frozen=True)
-class Part:
+class WorkerPart:
     """A worker's part in the newest frame."""
 
     frame: FrameId
@@ -92,12 +92,12 @@ class Merge:
             return False
         return not set(running.into.awaited).isdisjoint(running.sources[worker])
 
-    def part_of(self, worker: WorkerId) -> Part:
+    def part_of(self, worker: WorkerId) -> WorkerPart:
         """Where batches of the newest frame go, whoever takes them past here."""
         running = self._running
         if running is None or worker in running.lost:
-            return Part(self._newest, None, range(0))
-        return Part(self._newest, running.into, running.sources.get(worker, range(0)))
+            return WorkerPart(self._newest, None, range(0))
+        return WorkerPart(self._newest, running.into, running.sources.get(worker, range(0)))
 
     @takes(FrameStarted)
     def _frame_started(self, event: FrameStarted) -> list[Instruction]:

@@ -2,7 +2,7 @@
 
 One thread answers the client. The regions' owners, threads of the kernels, merge and splat meanwhile (see
 frame_assembly); others receive from the client, send to it (see outbox), and receive from the map/shade servers (see
-data_links).
+worker_links).
 """
 
 import logging
@@ -26,7 +26,6 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS, Heartbeat, patience_with_client
 from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import Bell, Owners
-from volsplat.splat_server.data_links import DataLinks, carried_out
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
@@ -34,6 +33,7 @@ from volsplat.splat_server.merge_events import FrameDropped, FrameStarted
 from volsplat.splat_server.merge_news import MergeNews, News
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.slabs import slabs_of
+from volsplat.splat_server.worker_links import WorkerLinks, carried_out
 
 NEWS_SECONDS = 0.002  # between two news of the merge, and more if maps of closed tiles are large
 NEWS_RATE = 100e6  # bytes a second, over all links
@@ -87,7 +87,7 @@ class SplatServer:
 
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
-        self._data_links = DataLinks(
+        self._worker_links = WorkerLinks(
             data_links, invitations, self._merge, self._lock, self._readable, self._news, self._heartbeat
         )
         self._merge_news = MergeNews()
@@ -104,7 +104,7 @@ class SplatServer:
             self._work()
         finally:
             self._client.close()
-            self._data_links.close()
+            self._worker_links.close()
             self._merge_news.close()
             self._outbox.close()
             self._heartbeat.close()
@@ -132,11 +132,11 @@ class SplatServer:
     def _follow_frame(self) -> float:
         """Tell what there is to tell of the frame. For how many seconds there is nothing more, unless news come."""
         assembly, request = self._assembly, self._request
-        self._data_links.look_at_channels()
+        self._worker_links.look_at_channels()
         if not self._drawing or assembly is None or request is None:
             return LOOK_SECONDS
         try:
-            self._data_links.check_served()
+            self._worker_links.check_served()
             complete = assembly.splat.complete
         except Exception as error:
             self._refuse_frame(request, error)
@@ -148,7 +148,7 @@ class SplatServer:
             return LOOK_SECONDS
         if (early := self._next_news - time.perf_counter()) > 0:
             return early
-        if not (links := self._data_links.to_tell_of_merge()):
+        if not (links := self._worker_links.to_tell_of_merge()):
             return LOOK_SECONDS
         if (reached := assembly.splat.reached()) != self._reached_told:
             self._tell_of_merge(assembly, reached, links)
@@ -157,7 +157,7 @@ class SplatServer:
     def _finish_frame(self, assembly: FrameAssembly) -> None:
         self._drawing = False
         assembly.note_owners(self._spans, self._frame_began)
-        self._data_links.note_taken(assembly.frame)
+        self._worker_links.note_taken(assembly.frame)
         self._spans.note("requests", f"frame {assembly.frame}", self._frame_came, clock())
         with self._lock:
             self._lost = self._merge.lost
@@ -203,7 +203,7 @@ class SplatServer:
         self._merge_news.post(news, links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
-        links, frame = self._data_links, assembly.frame
+        links, frame = self._worker_links, assembly.frame
         frame_seconds = time.perf_counter() - self._frame_began
         return assembly.stats(
             links.received(frame),
@@ -226,7 +226,7 @@ class SplatServer:
 
     @takes(messages.ReadClock)
     def _read_clock(self, request: messages.ReadClock) -> None:
-        self._data_links.trace()
+        self._worker_links.trace()
         self._outbox.post_later(lambda: messages.ClockRead(clock()))
 
     @takes(messages.ReadTrace)
@@ -270,8 +270,8 @@ class SplatServer:
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         self._frame_began = time.perf_counter()
         self._frame_came = min(self._newest_came, self._frame_began)
-        self._spans = self._data_links.spans(request.frame) if request.traced else UNTRACED
-        self._data_links.begin_frame()
+        self._spans = self._worker_links.spans(request.frame) if request.traced else UNTRACED
+        self._worker_links.begin_frame()
         self._reached_told, self._lost = (0, 0), []
         self._drawing = False
         self._assembly = self._block = None
@@ -288,9 +288,9 @@ class SplatServer:
         with self._lock:  # what is held goes before all that comes
             instructions = self._merge.handle(FrameStarted(request.frame, request.workers, assembly.splat))
             refused = carried_out(instructions)
-        self._data_links.follow_merge()
+        self._worker_links.follow_merge()
         for refusal_of in refused:
-            self._data_links.cut_off(refusal_of)
+            self._worker_links.cut_off(refusal_of)
 
     def _refuse_frame(self, request: messages.RenderFrame, error: Exception) -> None:
         self._abort(request.frame)  # its batches are on their way or here
@@ -299,7 +299,7 @@ class SplatServer:
     def _abort(self, frame: int) -> None:
         with self._lock:
             self._merge.handle(FrameDropped(frame))
-        self._data_links.follow_merge()
+        self._worker_links.follow_merge()
         if self._assembly is not None and self._assembly.frame <= frame:
             if self._drawing:
                 self._counts.add("frames", of="given up")
@@ -356,7 +356,7 @@ class SplatServer:
     @takes(messages.InviteWorkers)
     def _invite(self, request: messages.InviteWorkers) -> None:
         self._invitations.replace(request.keys)
-        self._data_links.drop_uninvited()
+        self._worker_links.drop_uninvited()
 
     @takes(messages.ImagesTaken)
     def _images_taken(self, message: messages.ImagesTaken) -> None:
@@ -380,6 +380,6 @@ class SplatServer:
         self._news.ring()
 
 
-OWNERS = (SplatServer, DataLinks)
+OWNERS = (SplatServer, WorkerLinks)
 HANDLERS = handlers(SplatServer)
 check_handlers(taken_by(Role.SPLAT_SERVER), *OWNERS)

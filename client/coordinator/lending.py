@@ -11,7 +11,7 @@ from volsplat.client.coordinator.coordinator_events import Instruction, ReportPr
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.messages import Part, ScalarType
+from volsplat.protocol.messages.messages import ScalarType, VolumePart
 from volsplat.protocol.text.errors import RemoteProtocolError
 
 PART_BYTES = 4 << 20  # of values, at most: small enough that a few of them are nothing, large enough for a fast network
@@ -35,7 +35,7 @@ class Lending:
         self._identity = identity
         self._boxes = dict(boxes)
         self._description = description
-        self._parts: dict[int, deque[Part]] = {}  # to be asked for, by receiver
+        self._parts: dict[int, deque[VolumePart]] = {}  # to be asked for, by receiver
 
     def begin(self) -> list[Instruction]:
         lend = messages.LendVolume(assignment=self._assignment, path=self._path, identity=self._identity)
@@ -92,10 +92,10 @@ class Lending:
         read = messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes, identity=self._identity)
         return [Send(self.lender, read)]
 
-    def _parts_of(self, server: int, boxes: list[Box], scalar_types: list[ScalarType]) -> list[Part]:
+    def _parts_of(self, server: int, boxes: list[Box], scalar_types: list[ScalarType]) -> list[VolumePart]:
         dims = self._description.geometry.dims
         return [
-            Part(server=server, sub_cube=n, scalar=scalar, scalar_type=scalar_type, box=part)
+            VolumePart(server=server, sub_cube=n, scalar=scalar, scalar_type=scalar_type, box=part)
             for n, box in enumerate(boxes)
             for scalar, scalar_type in enumerate(scalar_types)
             for part in parts_of(box if scalar else box.grown(HALO, dims), PART_BYTES // SCALAR_BYTES[scalar_type])

@@ -60,10 +60,16 @@ class VolumeHolding:
         self._held = True  # else only surveyed
         self._memory: dict[int, int] = {}  # of a prepared volume, for each of the servers that share it
         self._levels: StoredLevels | None = None  # of a prepared volume
-        self._known: VolumeSurvey | None = None
+        self._survey: VolumeSurvey | None = None
         self._pending: set[int] = set()  # servers whose answer the phase waits for
         self._lending: Lending | None = None  # while a volume that only comes whole is read
         self.costs = MovingCosts({})
+
+    @property
+    def _known(self) -> VolumeSurvey:
+        """What is known of the volume so far, once it is described."""
+        assert self._survey is not None
+        return self._survey
 
     @property
     def assignment(self) -> int:
@@ -148,12 +154,10 @@ class VolumeHolding:
     @property
     def source(self) -> tuple[str, VolumeIdentity] | None:
         """The file that has the voxels' own values; of a prepared volume there is none."""
-        assert self._known is not None
         return None if self._known.prepared is not None else (self._path, self._known.identity)
 
     @property
     def description(self) -> VolumeDescription:
-        assert self._known is not None
         return self._known.description
 
     @property
@@ -178,7 +182,7 @@ class VolumeHolding:
 
     def to_read_ahead(self, reading: int, boxes: list[Box]) -> ReadAhead:
         """What one of them is asked for, so that it has the packets of these boxes."""
-        assert self._known is not None and self.packing is not None
+        assert self.packing is not None
         return ReadAhead(
             reading=reading,
             path=self._path,
@@ -213,7 +217,7 @@ class VolumeHolding:
         return self._read_sub_cubes() if held else []
 
     def _change(self, boxes: Mapping[int, list[Box]]) -> list[Instruction]:
-        assert self._known is not None and self.packing is not None
+        assert self.packing is not None
         if self._levels is not None:
             return self._open_packets(self._levels, self.packing, boxes)
         self._begin_assignment(boxes)
@@ -250,7 +254,6 @@ class VolumeHolding:
             return []
         if self.phase is Phase.DESCRIBING:
             return self.begin(self._path, self._memory, self._held) if describes else []
-        assert self._known is not None
         self._known.begin()
         self._divide(self._known.description)
         return self._read_sub_cubes()
@@ -289,7 +292,7 @@ class VolumeHolding:
 
     def described(self, message: VolumeDescribed, payload: memoryview) -> list[Instruction]:
         """Divide the volume among the servers. Raises BadInput if it has too few voxels for so many."""
-        self._known = VolumeSurvey(message, payload)
+        self._survey = VolumeSurvey(message, payload)
         self._divide(message.description)
         prepared = self._known.prepared
         if prepared is None:
@@ -305,14 +308,12 @@ class VolumeHolding:
     def _open_packets(
         self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, list[Box]] | None = None
     ) -> list[Instruction]:
-        assert self._known is not None
         self._begin_assignment(boxes)
         self.phase = Phase.PACKING
         self.packing, opened = levels.open(packing, self.assignment, self._path, self._known.identity, self.boxes)
         return opened
 
     def _read_sub_cubes(self) -> list[Instruction]:
-        assert self._known is not None
         description, identity = self._known.description, self._known.identity
         self._begin_assignment()
         self.phase = Phase.READING
@@ -345,7 +346,6 @@ class VolumeHolding:
 
     @takes(SubCubesRead, Phase.READING, Phase.EMPTY)
     def _sub_cubes_read(self, message: SubCubesRead, event: MessageReceived) -> list[Instruction]:
-        assert self._known is not None
         check_survey(message.survey, self._voxels_of(event.server))
         self.costs.read(event.server, message.seconds, self._voxels_of(event.server))
         if self.volume is None:
@@ -359,7 +359,6 @@ class VolumeHolding:
         return []
 
     def _count(self) -> list[Instruction]:
-        assert self._known is not None
         self.phase = Phase.COUNTING
         self._pending = set(self.boxes)
         count = self._known.count_request(self.assignment)
@@ -367,7 +366,6 @@ class VolumeHolding:
 
     @takes(HistogramsCounted, Phase.COUNTING)
     def _counted(self, message: HistogramsCounted, event: MessageReceived) -> list[Instruction]:
-        assert self._known is not None
         self._known.counted(message, event.payload, self._voxels_of(event.server))
         self._pending.discard(event.server)
         return [] if self._pending else self._surveyed()
@@ -376,7 +374,6 @@ class VolumeHolding:
         return sum(box.voxels for box in self.boxes[server])
 
     def _surveyed(self) -> list[Instruction]:
-        assert self._known is not None
         volume = self._known.volume()
         if volume is None:
             return self._count()

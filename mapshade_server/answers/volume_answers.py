@@ -33,7 +33,7 @@ class Answer(NamedTuple):
 
 
 @dataclass
-class Surveyed:
+class SurveyAnswers:
     """What was told of boxes when their values were here, which a server has let go of since."""
 
     asked: messages.ReadSubCubes

@@ -10,7 +10,7 @@ from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, read_scalars
 from volsplat.protocol.description.volume import HALO, Box, VolumeDescription
-from volsplat.protocol.messages.messages import AwaitParts, Part, ScalarType
+from volsplat.protocol.messages.messages import AwaitParts, ScalarType, VolumePart
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -38,7 +38,7 @@ class LentVolume:
     def read_second(self) -> ReadBox | None:
         return partial(self._read, 1) if len(self._scalars) > 1 else None
 
-    def part(self, part: Part) -> memoryview:
+    def part(self, part: VolumePart) -> memoryview:
         """A part's values as bytes. Raises BadInput for one that the volume does not have."""
         if part.scalar >= len(self._scalars) or self.scalar_types[part.scalar] != part.scalar_type:
             raise BadInput(f"the volume's scalars are {', '.join(self.scalar_types)}, not {part.scalar_type}")
@@ -81,7 +81,7 @@ class AwaitedParts:
     def complete(self) -> bool:
         return all(awaited.complete for scalars in self._scalars for awaited in scalars)
 
-    def take(self, part: Part, values: memoryview) -> None:
+    def take(self, part: VolumePart, values: memoryview) -> None:
         """Copy a part to its place. Raises BadInput for one that does not belong here, or not now."""
         if part.sub_cube >= len(self._scalars) or part.scalar >= len(self._scalars[part.sub_cube]):
             raise BadInput(f"part {part.box} of sub-cube {part.sub_cube} was not awaited")
@@ -114,7 +114,7 @@ class _Awaited:
         assert self._values is not None and self.complete, "parts are missing"
         return self._values
 
-    def take(self, part: Part, values: Voxels) -> None:
+    def take(self, part: VolumePart, values: Voxels) -> None:
         self._check_place(part)
         if self._values is None:
             ni, nj, nk = self._whole.size
@@ -124,7 +124,7 @@ class _Awaited:
         self._values.reshape(-1)[self._count : self._count + len(values)] = values
         self._count += len(values)
 
-    def _check_place(self, part: Part) -> None:
+    def _check_place(self, part: VolumePart) -> None:
         box, whole = part.box, self._whole
         (i, j, k), (ni, nj, nk) = (tuple(box.low[a] - whole.low[a] for a in range(3)), box.size)
         wi, wj, _ = whole.size

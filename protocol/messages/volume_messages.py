@@ -36,9 +36,28 @@ Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
 ScalarType = Literal[
     "uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64"
 ]  # as in volume.SCALAR_BYTES
+SubCubes = Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]  # of one server
 
 
-class Part(Detail, frozen=True):
+def _check_boxes(boxes: list[Box]) -> None:
+    for box in boxes:
+        if min(box.low) < 0 or min(box.size) < 1:
+            raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
+        if max(box.high) > LONGEST_AXIS or box.voxels > MOST_VOXELS:
+            raise ValueError(f"a box of {box.size} voxels from {box.low} on lies in no volume")
+
+
+class OfBoxes:
+    """What messages that name boxes have alike: these are checked."""
+
+    __slots__ = ()
+    boxes: list[Box]
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
+class VolumePart(Detail, frozen=True):
     """Values of a volume on their way to the server that is to hold them.
 
     They are a box of a sub-cube: of the halo as well where they are the volume's first scalar, whose gradients need it.
@@ -60,22 +79,11 @@ class Part(Detail, frozen=True):
         return self.box.voxels * SCALAR_BYTES[self.scalar_type]
 
 
-class LevelBoxes(Detail, frozen=True):
+class LevelBoxes(OfBoxes, Detail, frozen=True):
     """Boxes of one level's grid."""
 
     level: LevelNumber
     boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
-
-    def __post_init__(self) -> None:
-        _check_boxes(self.boxes)
-
-
-def _check_boxes(boxes: list[Box]) -> None:
-    for box in boxes:
-        if min(box.low) < 0 or min(box.size) < 1:
-            raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
-        if max(box.high) > LONGEST_AXIS or box.voxels > MOST_VOXELS:
-            raise ValueError(f"a box of {box.size} voxels from {box.low} on lies in no volume")
 
 
 # What it is.
@@ -120,7 +128,7 @@ class SubCubesRead(Message, frozen=True):
 
 
 @asks(CLIENT_TO_MAPSHADE, SubCubesRead)
-class ReadSubCubes(Message, frozen=True):
+class ReadSubCubes(OfBoxes, Message, frozen=True):
     """Client to map/shade server: read these boxes and their halo, and survey them. Replaces what was held.
 
     Boxes that are not to be held are surveyed a few sheets at a time, and again when histograms are asked for.
@@ -129,12 +137,9 @@ class ReadSubCubes(Message, frozen=True):
 
     assignment: AssignmentId
     path: Path
-    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+    boxes: SubCubes
     identity: VolumeIdentity
     held: bool = True
-
-    def __post_init__(self) -> None:
-        _check_boxes(self.boxes)
 
 
 # One server reads it for all.
@@ -165,7 +170,7 @@ class PartRead(Message, frozen=True):
     largest_payload: ClassVar[int] = LARGEST_PART
 
     assignment: AssignmentId
-    part: Part
+    part: VolumePart
 
     def payload_bytes(self) -> int:
         return self.part.payload_bytes
@@ -176,11 +181,11 @@ class ReadPart(Message, frozen=True):
     """Client to map/shade server: send this part of the volume that you lend."""
 
     assignment: AssignmentId
-    part: Part
+    part: VolumePart
 
 
 @asks(CLIENT_TO_MAPSHADE, SubCubesRead)
-class AwaitParts(Message, frozen=True):
+class AwaitParts(OfBoxes, Message, frozen=True):
     """Client to map/shade server: these boxes and their halo will come in parts. Replaces what was held.
 
     Nothing answers it; SubCubesRead comes once the last part is held.
@@ -188,10 +193,7 @@ class AwaitParts(Message, frozen=True):
 
     assignment: AssignmentId
     description: VolumeDescription
-    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
-
-    def __post_init__(self) -> None:
-        _check_boxes(self.boxes)
+    boxes: SubCubes
 
 
 class PartHeld(Message, frozen=True):
@@ -207,7 +209,7 @@ class HoldPart(Message, frozen=True):
     largest_payload: ClassVar[int] = LARGEST_PART
 
     assignment: AssignmentId
-    part: Part
+    part: VolumePart
 
     def payload_bytes(self) -> int:
         return self.part.payload_bytes
@@ -270,7 +272,7 @@ class AheadRead(Message, frozen=True):
 
 
 @asks(CLIENT_TO_MAPSHADE, AheadRead, at_once=MAX_SERVERS, newest=True)
-class ReadAhead(Message, frozen=True):
+class ReadAhead(OfBoxes, Message, frozen=True):
     """Client to map/shade server: make the packets of these boxes that are not held, beside frames and all else.
 
     ChangeSubCubes then need not read them. One whose place a newer one takes may stay without an answer.
@@ -278,16 +280,13 @@ class ReadAhead(Message, frozen=True):
 
     reading: ReadingId
     path: Path
-    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+    boxes: SubCubes
     identity: VolumeIdentity
     quantisation: Quantisation
 
-    def __post_init__(self) -> None:
-        _check_boxes(self.boxes)
-
 
 @asks(CLIENT_TO_MAPSHADE, VoxelsPacked)
-class ChangeSubCubes(Message, frozen=True):
+class ChangeSubCubes(OfBoxes, Message, frozen=True):
     """Client to map/shade server: hold the packets of these boxes from now on, made as those that are held.
 
     What is held of them stays; only the rest is read. Where that is refused, all that is held stays.
@@ -295,12 +294,9 @@ class ChangeSubCubes(Message, frozen=True):
 
     assignment: AssignmentId
     path: Path
-    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+    boxes: SubCubes
     identity: VolumeIdentity
     quantisation: Quantisation
-
-    def __post_init__(self) -> None:
-        _check_boxes(self.boxes)
 
 
 @asks(CLIENT_TO_MAPSHADE, VoxelsPacked, at_once=MAX_SERVERS, newest=True)

@@ -224,7 +224,7 @@ def test_a_server_ends_though_nobody_reads_what_it_sends(bench: Bench, tmp_path:
             bench.control.send(messages.LendVolume(2, str(volume), identified_volume(str(volume))[1]))
             bench.hears(messages.VolumeLent)
             for n in range(3):
-                bench.control.send(messages.ReadPart(2, messages.Part(n + 1, 0, 0, "uint8", geometry.box)))
+                bench.control.send(messages.ReadPart(2, messages.VolumePart(n + 1, 0, 0, "uint8", geometry.box)))
             wait_until(lambda: bench.connection.counters.bytes_out > sent + (1 << 16), "begun to send")
         bench.control.send(messages.EndSession())
         bench.ends()
@@ -268,7 +268,7 @@ def test_a_server_ends_where_the_memory_does_not_suffice_for_a_part() -> None:
 
 def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """It would be dialled for ever."""
-    monkeypatch.setattr("volsplat.mapshade_server.links.data_links.connect", partial(connect, patience=math.inf))
+    monkeypatch.setattr("volsplat.mapshade_server.links.splat_links.connect", partial(connect, patience=math.inf))
     nobody = bench.splat_servers[0].address
     bench.splat_servers[0].close()
     before = bench.connection.counters.messages_in

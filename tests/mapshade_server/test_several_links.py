@@ -16,7 +16,7 @@ from support.programs.mapshade_bench import KEY, SCENE, Bench, probe, render
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.mapshade_server.links.data_links import DataLinks
+from volsplat.mapshade_server.links.splat_links import SplatLinks
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
@@ -188,7 +188,7 @@ def test_an_abort_ends_all_walkers(bench: Bench, full: Path, shells: Path) -> No
 def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> None:
     there = bench.splat_servers[0].address
     # Given up, so that nobody is dialled twice.
-    links = DataLinks(bench.token, lambda: True, Heartbeat(), Encryption.BETWEEN_MACHINES)
+    links = SplatLinks(bench.token, lambda: True, Heartbeat(), Encryption.BETWEEN_MACHINES)
     nobody, unknown = messages.Route(9, there.host, free_port(), KEY), messages.Route(8, "nowhere.invalid", 7, KEY)
     links.connect([nobody, unknown, messages.Route(2, there.host, there.port, KEY)], 1)
     assert list(links.of_servers) == [2]
@@ -201,7 +201,7 @@ def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> 
 def test_a_frozen_splat_server_is_dialled_no_more_once_the_client_has_given_it_up(bench: Bench) -> None:
     there = bench.splat_servers[0].address
     living = messages.Route(2, there.host, there.port, KEY)
-    links = DataLinks(bench.token, lambda: False, Heartbeat(BRIEF), Encryption.BETWEEN_MACHINES)
+    links = SplatLinks(bench.token, lambda: False, Heartbeat(BRIEF), Encryption.BETWEEN_MACHINES)
     with socket.create_server((LOOPBACK, 0)) as frozen:  # the system takes what it never answers
         silent = messages.Route(3, LOOPBACK, int(frozen.getsockname()[1]), KEY)
         connecting = threading.Thread(target=links.connect, args=([silent, living], 1), daemon=True)
@@ -217,7 +217,7 @@ def test_a_frozen_splat_server_is_dialled_no_more_once_the_client_has_given_it_u
 
 
 def test_splat_servers_that_do_not_answer_hold_up_nobody_that_comes_after_them(bench: Bench) -> None:
-    links = DataLinks(bench.token, lambda: False, Heartbeat(PATIENCE), Encryption.BETWEEN_MACHINES)
+    links = SplatLinks(bench.token, lambda: False, Heartbeat(PATIENCE), Encryption.BETWEEN_MACHINES)
     with socket.create_server((LOOPBACK, 0)) as one, socket.create_server((LOOPBACK, 0)) as other:
         servers = [one, other]
         ports = [int(frozen.getsockname()[1]) for frozen in servers]

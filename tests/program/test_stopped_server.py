@@ -132,7 +132,7 @@ def ends() -> Iterator[tuple[Connection, Connection]]:
 
 def part() -> tuple[messages.HoldPart, memoryview]:
     box = Box((0, 0, 0), (1 << 20, 4, 1))
-    held = messages.HoldPart(1, messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=box))
+    held = messages.HoldPart(1, messages.VolumePart(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=box))
     return held, memoryview(bytes(box.voxels))
 
 

@@ -219,7 +219,7 @@ def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
 @given(data=st.data())
 def test_requests_about_the_volume_with_any_numbers(path: Path, data: st.DataObject) -> None:
     held, described = held_at(path)
-    part = messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 3)))
+    part = messages.VolumePart(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 3)))
     kind = data.draw(st.sampled_from(["read", "count", "pack", "lend", "await", "hold"]))
     steps: dict[str, list[Message]] = {
         "read": [messages.ReadSubCubes(1, str(path), HALVES, described.identity)],
@@ -348,4 +348,4 @@ def test_a_part_beyond_the_volume_is_not_lent(path: Path) -> None:
     held, described = held_at(path)
     held.answers(messages.LendVolume(1, str(path), described.identity))
     with pytest.raises(BadInput, match="beyond the volume"):
-        held.answers(messages.ReadPart(1, messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 5)))))
+        held.answers(messages.ReadPart(1, messages.VolumePart(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 5)))))

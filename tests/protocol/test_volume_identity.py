@@ -277,7 +277,7 @@ def test_a_file_that_is_replaced_while_it_is_read_is_refused(
     with pytest.raises(BadInput, match="level 0 is not held"):
         reading.held.sub_cubes(0)
     with pytest.raises(BadInput, match="of which nothing is lent"):
-        reading.held.answers(messages.ReadPart(1, messages.Part(1, 0, 0, "uint8", reading.boxes[0])))
+        reading.held.answers(messages.ReadPart(1, messages.VolumePart(1, 0, 0, "uint8", reading.boxes[0])))
     os.replace(kept, here)
     reading.held.answers(reading.changed_to(3))
     other = Reading(here)

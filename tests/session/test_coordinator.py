@@ -962,7 +962,7 @@ def test_a_refused_probe_ends_alone() -> None:
 # -- a volume that only comes whole: FIRST lends
 
 
-def asked_parts(instructions: list[Instruction]) -> list[messages.Part]:
+def asked_parts(instructions: list[Instruction]) -> list[messages.VolumePart]:
     """Those that the lender is asked for."""
     reads = [i for i in instructions if isinstance(i, Send) and isinstance(i.message, messages.ReadPart)]
     assert {read.server for read in reads} <= {FIRST}

@@ -22,7 +22,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, lent
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import HALO, Box, Geometry, VolumeDescription
-from volsplat.protocol.messages.messages import AwaitParts, Part
+from volsplat.protocol.messages.messages import AwaitParts, VolumePart
 from volsplat.protocol.text.errors import BadInput
 
 WORKERS = 3
@@ -115,7 +115,7 @@ def test_what_comes_in_parts_is_what_is_read_at_once() -> None:
     for n, box in enumerate(boxes):
         for scalar, of_scalar in enumerate((box.grown(HALO, geometry.dims), box)):
             for place in parts_of(of_scalar, 20):
-                part = Part(server=2, sub_cube=n, scalar=scalar, scalar_type=loan.scalar_types[scalar], box=place)
+                part = VolumePart(server=2, sub_cube=n, scalar=scalar, scalar_type=loan.scalar_types[scalar], box=place)
                 assert not awaited.complete
                 awaited.take(part, memoryview(bytearray(loan.part(part))))
     assert awaited.complete
@@ -131,7 +131,7 @@ def test_a_part_that_nobody_awaits_is_refused() -> None:
     for sub_cube, scalar, box in ((1, 0, Box((0, 0, 0), (1, 1, 1))), (0, 1, Box((0, 0, 0), (1, 1, 1))),
                                   (0, 0, Box((0, 5, 0), (1, 6, 1)))):  # fmt: skip
         with pytest.raises(BadInput, match="not awaited"):
-            awaited.take(Part(2, sub_cube, scalar, "uint8", box), memoryview(bytearray(1)))
+            awaited.take(VolumePart(2, sub_cube, scalar, "uint8", box), memoryview(bytearray(1)))
 
 
 SHEET, TWO_SHEETS, CORNER = Box((0, 0, 0), (9, 5, 1)), Box((0, 0, 0), (9, 5, 2)), Box((0, 0, 1), (2, 2, 3))
@@ -146,7 +146,7 @@ def test_no_voxel_is_counted_twice_nor_left_out(parts: list[Box]) -> None:
     """What is drawn before all voxels are there would be whatever lay in memory."""
     described = VolumeDescription(name="one", format="memory", geometry=Geometry((9, 8, 7)), scalar_type="uint8")
     awaited = AwaitedParts(AwaitParts(1, described, [Box((0, 0, 0), (9, 4, 7))]))
-    *right, wrong = [Part(2, 0, 0, "uint8", box) for box in parts]
+    *right, wrong = [VolumePart(2, 0, 0, "uint8", box) for box in parts]
     for part in right:
         awaited.take(part, memoryview(bytearray(part.box.voxels)))
     with pytest.raises(BadInput, match="not the next one|not awaited"):

@@ -9,7 +9,6 @@ import pytest
 from support.scenes.owned import UNBOUNDED, Drawing, batch_of, owners
 from support.scenes.row_runs import Dot, Run
 from volsplat.splat_server._kernels import Bell, Owners, ReadBudget
-from volsplat.splat_server.data_links import carried_out
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
     BatchArrived,
@@ -22,6 +21,7 @@ from volsplat.splat_server.merge_events import (
     WorkerLinked,
     WorkerLost,
 )
+from volsplat.splat_server.worker_links import carried_out
 
 COUNTS = (3, 4, 12)
 SIZE = (32, 32)

@@ -47,12 +47,12 @@ from volsplat.protocol.wire.framing import new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
-from volsplat.splat_server import data_links, frame_assembly
-from volsplat.splat_server.data_links import DataLinks
+from volsplat.splat_server import frame_assembly, worker_links
 from volsplat.splat_server.frame_assembly import PIXELS_AT_ONCE, FrameAssembly, packets_at_once
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.server import SplatServer
+from volsplat.splat_server.worker_links import WorkerLinks
 
 SIZE = 24
 VALUES = shells(SIZE)
@@ -126,7 +126,7 @@ class Bench:
 
     def fills_buffers(self, worker: int) -> None:
         """Wait until the server reads no more from a worker."""
-        budgets = self._server._data_links._budgets
+        budgets = self._server._worker_links._budgets
         until = time.monotonic() + PATIENCE
         while worker not in budgets or budgets[worker].open:
             assert time.monotonic() < until
@@ -308,7 +308,7 @@ def test_a_front_server_need_not_wait_for_the_one_behind_it(bench: Bench) -> Non
 
 
 def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data_links, "CONNECTION_BUDGET", 1000)
+    monkeypatch.setattr(worker_links, "CONNECTION_BUDGET", 1000)
     scene = shaded_scene(View(zoom=3.0), (96, 80))
     behind, between, front = batches(slabs(2, 8, 16), scene, max_packets=50)
     bench = Bench()
@@ -510,7 +510,7 @@ def test_a_worker_that_is_not_heard_any_more_is_lost(bench: Bench, monkeypatch: 
     def fault(*_: object) -> None:
         raise RuntimeError("an internal error")
 
-    monkeypatch.setattr(bench._server._data_links, "_push", fault)
+    monkeypatch.setattr(bench._server._worker_links, "_push", fault)
     bench.renders(1)
     bench.sends(WORKERS[0], 1, 0, batches(slabs(0, 8, 16))[0][0])
     for worker in WORKERS[1:]:
@@ -529,18 +529,18 @@ def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
 
 
 def test_a_link_that_is_taken_up_as_the_server_ends_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    ending, take_up, close = threading.Event(), DataLinks._take_up, DataLinks.close
+    ending, take_up, close = threading.Event(), WorkerLinks._take_up, WorkerLinks.close
 
-    def late(data_links: DataLinks, link: Connection) -> None:
+    def late(data_links: WorkerLinks, link: Connection) -> None:
         ending.wait(PATIENCE)
         take_up(data_links, link)
 
-    def closed(data_links: DataLinks) -> None:
+    def closed(data_links: WorkerLinks) -> None:
         ending.set()
         close(data_links)
 
-    monkeypatch.setattr(DataLinks, "_take_up", late)
-    monkeypatch.setattr(DataLinks, "close", closed)
+    monkeypatch.setattr(WorkerLinks, "_take_up", late)
+    monkeypatch.setattr(WorkerLinks, "close", closed)
     bench = Bench()
     bench.control.close()
     bench.ends()
@@ -552,13 +552,13 @@ def test_a_link_that_is_taken_up_as_the_server_ends_is_closed(monkeypatch: pytes
 
 def test_a_server_waits_for_the_threads_of_its_links(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that was in a kernel when the interpreter ends would abort the process."""
-    ended, lose = threading.Event(), DataLinks._lose
+    ended, lose = threading.Event(), WorkerLinks._lose
 
-    def late(data_links: DataLinks, link: Connection) -> None:
+    def late(data_links: WorkerLinks, link: Connection) -> None:
         ended.wait(0.5)
         lose(data_links, link)
 
-    monkeypatch.setattr(DataLinks, "_lose", late)
+    monkeypatch.setattr(WorkerLinks, "_lose", late)
     bench = Bench()
     bench.control.close()
     bench.ends()

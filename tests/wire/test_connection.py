@@ -258,7 +258,9 @@ def test_nothing_is_sent_at_once_amid_another_message_nor_if_it_is_long(host: st
             assert len(encode_control(many)) > SHORT_MESSAGE
             assert not client.send_at_once(many)
             box = Box((0, 0, 0), (BIG, 1, 1))
-            part = messages.HoldPart(1, messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=box))
+            part = messages.HoldPart(
+                1, messages.VolumePart(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=box)
+            )
             before = client.counters.bytes_out
             with in_thread(lambda: client.send(part, bytes(BIG))) as result:
                 wait_until(lambda: client.counters.bytes_out > before, "begun")

@@ -63,7 +63,7 @@ def test_who_takes_what_never_comes_or_comes_to_another_is_named() -> None:
     ("program", "place", "lacks"),
     [
         ("volsplat.mapshade_server.command", "volsplat.mapshade_server.held_volume.HeldVolume", "PackVoxels"),
-        ("volsplat.splat_server.command", "volsplat.splat_server.data_links.DataLinks", "Batch"),
+        ("volsplat.splat_server.command", "volsplat.splat_server.worker_links.WorkerLinks", "Batch"),
         ("volsplat.client.session.session", "volsplat.client.coordinator.frames.Frames", "ImageRead"),
     ],
 )

@@ -216,7 +216,7 @@ def test_neither_a_peer_that_does_not_read_nor_a_send_that_waits_delays_the_thre
     ends: tuple[Connection, Connection],
 ) -> None:
     client, server = ends
-    part = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=BOX)
+    part = messages.VolumePart(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=BOX)
     payload = bytes(BOX.voxels)
 
     def flood() -> None:

@@ -19,9 +19,9 @@ from volsplat.protocol.wire.heartbeat import HELD, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server._kernels import Bell
-from volsplat.splat_server.data_links import FRAMES_NOTED, DataLinks
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
+from volsplat.splat_server.worker_links import FRAMES_NOTED, WorkerLinks
 
 KEY = secrets.token_bytes(messages.WORKER_KEY_BYTES)
 
@@ -41,11 +41,11 @@ class Bench:
         return self._stack.enter_context(connect(self.listener.address, hello, token, Role.SPLAT_SERVER, server=1))
 
     @contextmanager
-    def taking(self) -> Iterator[DataLinks]:
+    def taking(self) -> Iterator[WorkerLinks]:
         heartbeat = Heartbeat()
         with closing(heartbeat):
             lock, bells = threading.Lock(), (Bell(), Bell())
-            links = DataLinks(self.listener, self.invitations, Merge(), lock, *bells, heartbeat)
+            links = WorkerLinks(self.listener, self.invitations, Merge(), lock, *bells, heartbeat)
             with closing(links):
                 yield links
 

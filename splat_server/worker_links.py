@@ -46,7 +46,7 @@ FRAMES_NOTED = 3  # for traces
 LOOK_SECONDS = 1.0  # between two looks of a link that is held back, if nothing is told
 
 
-class DataLinks:
+class WorkerLinks:
     """Takes links and their batches until it is closed."""
 
     def __init__(
@@ -370,7 +370,7 @@ def carried_out(instructions: list[Instruction]) -> list[RefuseBatch]:
     return refused
 
 
-HANDLERS = handlers(DataLinks)
+HANDLERS = handlers(WorkerLinks)
 
 
 def _row(worker: int) -> str:

@@ -23,7 +23,7 @@ MOST_DIALLED = 32  # at once
 CLIENT_FIRST = 2.0  # times the silence: the client, which knows more, judges a splat server that is frozen before
 
 
-class DataLinks:
+class SplatLinks:
     """One thread connects and closes; any other may interrupt."""
 
     def __init__(
