@@ -12,6 +12,7 @@ from volsplat.client.session.missing_reasons import MissingReasons
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, MachinesFailed
+from volsplat.deploy.cluster.turn import Turn
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -27,23 +28,33 @@ class ClusterServers:
     replaced = True
 
     def __init__(self, path: Path, report: Callable[[str], None], tell_missing: Callable[[str], None]) -> None:
-        """Brings the cluster up if it is not. Raises BadInput.
+        """Waits until no other client uses the cluster, and brings it up if it is not. Raises BadInput.
 
         `report` gets lines of progress, `tell_missing` one for each thing that failed and is gone on without.
         """
         self._running, self._report, self._tell_missing = RunningCluster(path), report, tell_missing
         self._opened_by = OwnProcess()
-        state = self._running.state()
-        self._brought_up = state is None
-        if self._brought_up:
-            atexit.register(self._down_at_exit)  # wherever Ctrl-C ends what follows
-        self._state = self._bring_up() if state is None else self._with_both_kinds(state)
+        self._brought_up = False
+        self._turn = Turn(self._running.folder)
+        self._turn.take(report)
+        try:
+            self._state = self._as_it_is() or self._bring_up()
+        except BaseException:
+            self._turn.end()
+            raise
         self._reasons = MissingReasons(report)
         self._tunnels: Tunnels | None = None
         self._calls: ClusterCalls | None = None
         self._watch: ClusterWatch | None = None
 
+    def _as_it_is(self) -> ClusterState | None:
+        """None where it is not up."""
+        state = self._running.state()
+        return None if state is None else self._with_both_kinds(state)
+
     def _bring_up(self) -> ClusterState:
+        self._brought_up = True
+        atexit.register(self._down_at_exit)  # wherever Ctrl-C ends what follows
         try:
             return self._up_as_far_as_it_draws()
         except ClusterBusy:  # by somebody else, who has it then
@@ -149,10 +160,14 @@ class ClusterServers:
             self._watch.close()
 
     def release(self) -> None:
-        """The session has ended: bring the cluster down if it was brought up for it."""
-        if self._watch is not None:
-            self._watch.join()
-        if self._tunnels is not None:
-            self._tunnels.close()
-        if self._brought_up:
-            self._down()
+        """The session has ended: bring the cluster down if it was brought up for it, and let other clients use it."""
+        try:
+            if self._watch is not None:
+                self._watch.join()
+            if self._tunnels is not None:
+                self._tunnels.close()
+            if self._brought_up:
+                self._down()
+        finally:
+            if self._opened_by.is_here:  # a process that was forked has the same lock
+                self._turn.end()

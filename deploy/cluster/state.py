@@ -1,6 +1,5 @@
 """What is remembered of a cluster that is up, so that other commands find it."""
 
-import fcntl
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -9,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from volsplat.deploy.cluster.file_lock import EXCLUSIVE, SHARED, taken
 from volsplat.deploy.cluster.lasting_clock import Moment
 from volsplat.deploy.launchers.launcher import StartedServer
 from volsplat.deploy.private_file import write_private
@@ -68,34 +68,34 @@ class StateFolder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """One command at a time changes the cluster. Raises ClusterBusy where another one does, and BadInput."""
-        self._make()
-        with self._lock_file() as descriptor:
+        descriptor = self.opened("lock")
+        try:
             self._take(descriptor)
             yield
-
-    @contextmanager
-    def _lock_file(self) -> Iterator[int]:
-        try:
-            descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
-        except OSError as error:
-            raise self._unusable("written", error) from error
-        try:
-            yield descriptor
         finally:
             os.close(descriptor)
 
+    def opened(self, name: str) -> int:
+        """The descriptor of a file that is there from now on, for whoever closes it. Raises BadInput."""
+        self._make()
+        try:
+            return os.open(self.path / name, os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise self.unusable("written", error) from error
+
     def _take(self, descriptor: int) -> None:
         try:
-            while not _taken(descriptor, fcntl.LOCK_EX):
+            while not taken(descriptor, EXCLUSIVE):
                 if self.is_locked:
                     raise ClusterBusy(
                         f"another command brings {self.path.name} up or down now; wait until it has ended"
                     )
                 time.sleep(LOOK_SECONDS)
-        except OSError as error:  # as of homes that other machines serve, without locks
-            raise self._unusable("locked", error) from error
+        except OSError as error:
+            raise self.unusable("locked", error) from error
 
-    def _unusable(self, how: str, error: OSError) -> BadInput:
+    def unusable(self, how: str, error: OSError) -> BadInput:
+        """What a person is told of this folder."""
         return BadInput(f"{self.path} cannot be {how}: {error.strerror}; set XDG_STATE_HOME to a folder of yours")
 
     @property
@@ -106,7 +106,7 @@ class StateFolder:
         """
         try:
             with (self.path / "lock").open("rb") as lock:
-                return not _taken(lock.fileno(), fcntl.LOCK_SH)
+                return not taken(lock.fileno(), SHARED)
         except OSError:  # it has never been up
             return False
 
@@ -150,13 +150,4 @@ class StateFolder:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.path.chmod(0o700)
         except OSError as error:
-            raise self._unusable("made", error) from error
-
-
-def _taken(descriptor: int, lock: int) -> bool:
-    """Whether a lock of an open file could be had at once."""
-    try:
-        fcntl.flock(descriptor, lock | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+            raise self.unusable("made", error) from error

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from volsplat.deploy.cluster.running import MOST_AT_ONCE, RunningCluster
 from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, KnownServer
+from volsplat.deploy.cluster.turn import Turn
 from volsplat.deploy.doctor import servers
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
@@ -44,6 +45,14 @@ class Doctor:
     def examine(self) -> None:
         """Raises BadInput where another client has the servers."""
         self._ways_in()
+        turn = Turn(self._running.folder)
+        turn.take(self._doing)
+        try:
+            self._examine_servers()
+        finally:
+            turn.end()
+
+    def _examine_servers(self) -> None:
         state = self._running.state()
         if state is not None:
             for title, line in self._running.never_started(state):

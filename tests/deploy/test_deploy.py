@@ -11,7 +11,7 @@ import sys
 import threading
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import msgspec
@@ -31,8 +31,11 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_calls, cluster_watch
 from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.single import SingleProcess
+from volsplat.deploy.cluster import turn
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
+from volsplat.deploy.doctor.doctor import Doctor
+from volsplat.deploy.doctor.forecast import Size
 from volsplat.protocol.messages.messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost
@@ -201,17 +204,63 @@ def test_servers_of_another_machine_with_the_same_home_are_left_to_it(person: Pe
         folder.save(state)
 
 
-def test_a_second_client_is_told_in_one_line_that_another_is_served(person: Person, cluster: Path) -> None:
-    assert person.runs("deploy", "up", str(cluster)).returncode == 0
-    with Session(person.folder / "head.nrrd", cluster=cluster) as first:
-        first.default_scene()
-        second: list[str] = []
-        try:
-            with Session(person.folder / "head.nrrd", cluster=cluster, on_progress=second.append) as session:
-                wait_until(lambda: any("serves another client" in line for line in second), "told")
-                session.close()
-        except BadInput as error:
-            assert "serves another client" in str(error)
+HOLDS = """import sys
+from volsplat.client import Session
+with Session("head.nrrd", cluster=sys.argv[1]) as session:
+    session.default_scene()
+    print("drawing", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def another_client(person: Person, cluster: Path) -> Iterator[subprocess.Popen[str]]:
+    """A script that draws with the cluster until its input ends."""
+    pipe = subprocess.PIPE
+    script = [sys.executable, "-c", HOLDS, str(cluster)]
+    with subprocess.Popen(script, cwd=person.folder, stdin=pipe, stdout=pipe, text=True) as client:
+        assert client.stdout is not None and client.stdout.readline() == "drawing\n"
+        yield client
+
+
+@pytest.mark.parametrize("is_up", [True, False])
+def test_a_second_client_waits_for_the_first_and_says_for_whom(person: Person, cluster: Path, is_up: bool) -> None:
+    """Whether the cluster was up before, or is ended with the first client."""
+    if is_up:
+        assert person.runs("deploy", "up", str(cluster)).returncode == 0
+    with another_client(person, cluster) as first:
+        said: list[str] = []
+
+        def hear(line: str) -> None:
+            said.append(line)
+            if f"waiting for -c (process {first.pid}, since " in line and first.stdin is not None:
+                first.stdin.close()
+
+        with Session(person.folder / "head.nrrd", cluster=cluster, on_progress=hear) as second:
+            assert second.finish(second.default_scene()).complete
+        assert any(line.startswith("waiting for -c") for line in said), said
+
+
+def test_a_client_that_keeps_its_turn_is_named_to_whoever_waited_long_enough(
+    person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = cluster_file(person.folder, f"kept-{os.getpid()}", f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n")
+    monkeypatch.setattr(turn, "PATIENCE_SECONDS", 0.0)
+    with another_client(person, path) as first:
+        with pytest.raises(BadInput, match=rf"serves -c \(process {first.pid}, since .*\); end that one, or try again"):
+            Session(person.folder / "head.nrrd", cluster=path)
+        with pytest.raises(BadInput, match=rf"serves -c \(process {first.pid}, since "):
+            Doctor(path, None, Size(64, 64), lambda finding: None, print).examine()
+        first.kill()
+    try:
+        with Session(person.folder / "head.nrrd", cluster=path) as own:
+            with pytest.raises(BadInput, match="this process uses the cluster .* already, since .*; close that first"):
+                Session(person.folder / "head.nrrd", cluster=path)
+            assert own.finish(own.default_scene()).complete
+        with Session(person.folder / "head.nrrd", cluster=path) as again:
+            again.default_scene()
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
 def test_a_client_dials_one_server_first_so_that_no_two_clients_wait_for_each_other(person: Person) -> None:
