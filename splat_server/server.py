@@ -9,9 +9,11 @@ import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from volsplat.program.counts import Counts
-from volsplat.program.frame_spans import UNTRACED, clock
+from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.program.log_lines import name_session
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.messages import messages
@@ -43,6 +45,30 @@ LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
 log = logging.getLogger(__name__)
 
 
+@dataclass
+class _Frame:
+    """As the working thread knows it; moments are those of its spans' clock."""
+
+    request: messages.RenderFrame
+    assembly: FrameAssembly
+    block: memoryview | None  # that the client sees, and the image is published in
+    spans: FrameSpans
+    came: float
+    began: float
+    planned: float
+    drawing: bool = True  # it is not finished
+    lost: Sequence[int] = ()  # workers that its finished image lacks
+    reached_told: tuple[int, int] = (0, 0)  # sheet and row, when the workers last heard of the merge
+
+    @property
+    def number(self) -> int:
+        return self.request.frame
+
+    @property
+    def is_whole(self) -> bool:
+        return not self.drawing and not self.lost and self.assembly.splat.complete
+
+
 class SplatServer:
     """One client's splat server. `run` returns when the client ends the session."""
 
@@ -72,17 +98,8 @@ class SplatServer:
         self._failure: VolsplatError | None = None  # why the session is over, unless the client ended it
         # Touched by the working thread alone.
         self._images_wanted: deque[messages.ReadImage] = deque()  # asked for while another was being sent
-        self._assembly: FrameAssembly | None = None
-        self._block: memoryview | None = None  # that the client sees, and the assembly's image is published in
-        self._request: messages.RenderFrame | None = None  # the assembly's
-        self._spans = UNTRACED  # the assembly's
+        self._frame: _Frame | None = None  # the newest, unless it was refused
         self._newest_came = 0.0  # when the newest request of a frame did; the receiving thread's
-        self._frame_came = 0.0  # when the assembly's did
-        self._lost: list[int] = []  # workers that its finished image lacks
-        self._drawing = False  # the assembly's frame is not finished
-        self._frame_began = 0.0
-        self._planning_seconds = 0.0
-        self._reached_told = (0, 0)  # sheet and row, when the workers last heard of the merge
         self._next_news = 0.0
 
         self._heartbeat = Heartbeat(silence)
@@ -131,66 +148,72 @@ class SplatServer:
 
     def _follow_frame(self) -> float:
         """Tell what there is to tell of the frame. For how many seconds there is nothing more, unless news come."""
-        assembly, request = self._assembly, self._request
+        frame = self._frame
         self._worker_links.look_at_channels()
-        if not self._drawing or assembly is None or request is None:
+        if frame is None or not frame.drawing:
             return LOOK_SECONDS
         try:
             self._worker_links.check_served()
-            complete = assembly.splat.complete
+            complete = frame.assembly.splat.complete
         except Exception as error:
-            self._refuse_frame(request, error)
+            self._refuse_frame(frame.request, error)
             return LOOK_SECONDS
         if complete:
-            self._finish_frame(assembly)
+            self._finish(frame)
             return 0.0
-        if not assembly.plan.hides:
+        if not frame.assembly.plan.hides:
             return LOOK_SECONDS
         if (early := self._next_news - time.perf_counter()) > 0:
             return early
         if not (links := self._worker_links.to_tell_of_merge()):
             return LOOK_SECONDS
-        if (reached := assembly.splat.reached()) != self._reached_told:
-            self._tell_of_merge(assembly, reached, links)
+        if (reached := frame.assembly.splat.reached()) != frame.reached_told:
+            frame.reached_told = reached
+            self._tell_of_merge(frame.assembly, reached, links)
         return LOOK_SECONDS
 
-    def _finish_frame(self, assembly: FrameAssembly) -> None:
-        self._drawing = False
-        assembly.note_owners(self._spans, self._frame_began)
-        self._worker_links.note_taken(assembly.frame)
-        self._spans.note("requests", f"frame {assembly.frame}", self._frame_came, clock())
+    def _finish(self, frame: _Frame) -> None:
+        frame.drawing = False
+        frame.assembly.note_owners(frame.spans, frame.began)
+        self._worker_links.note_taken(frame.number)
+        frame.spans.note("requests", f"frame {frame.number}", frame.came, clock())
         with self._lock:
-            self._lost = self._merge.lost
-        stats = self._stats(assembly)
+            frame.lost = self._merge.lost
+        links = self._worker_links
+        stats = frame.assembly.stats(
+            links.received(frame.number),
+            frame.planned - frame.began,
+            time.perf_counter() - frame.began,
+            links.decoding_seconds(frame.number),
+            links.held_back(),
+        )
         log.info(
             "frame %d is finished: %d packets in %.3f s",
-            assembly.frame,
+            frame.number,
             stats.packets,
             stats.frame_seconds,
-            extra={"event": "frame_finished", "frame": assembly.frame},
+            extra={"event": "frame_finished", "frame": frame.number},
         )
-        self._count(stats)
-        self._outbox.post(
-            messages.FrameFinished(frame=assembly.frame, complete=not self._lost, lost=self._lost, stats=stats)
-        )
-        if not self._lost:
+        self._count(stats, frame.lost)
+        lost = list(frame.lost)
+        self._outbox.post(messages.FrameFinished(frame=frame.number, complete=not lost, lost=lost, stats=stats))
+        if not lost:
             # Whoever asked for it as it stood gets it finished.
-            self._images_wanted = deque([messages.ReadImage(frame=assembly.frame)])
+            self._images_wanted = deque([messages.ReadImage(frame=frame.number)])
 
-    def _count(self, stats: messages.SplatStats) -> None:
+    def _count(self, stats: messages.SplatStats, lost: Sequence[int]) -> None:
         counts = self._counts
-        counts.add("frames", of="incomplete" if self._lost else "finished")
+        counts.add("frames", of="incomplete" if lost else "finished")
         counts.add("packets", stats.packets)
         stages = ("planning", "merge", "splat", "waiting", "decoding")
         counts.add_all("frame_seconds", [(stage, getattr(stats, f"{stage}_seconds")) for stage in stages])
         counts.add_all("link_bytes", [("from map/shade servers", stats.bytes)])
         held_back = stats.held_back_seconds.items()
         counts.add_all("link_held_back_seconds", [(f"from map/shade server {n}", seconds) for n, seconds in held_back])
-        counts.add_all("losses", [("map/shade server", 1.0) for _ in self._lost])
+        counts.add_all("losses", [("map/shade server", 1.0) for _ in lost])
 
     def _tell_of_merge(self, assembly: FrameAssembly, reached: tuple[int, int], links: list[Connection]) -> None:
         """Have the workers leave out what is hidden, and come after."""
-        self._reached_told = reached
         (begin, end), width = assembly.lines, assembly.plan.width
         tile_map = assembly.closed_tiles_of_lines
         seconds = max(NEWS_SECONDS, len(tile_map) * len(links) / NEWS_RATE)
@@ -201,17 +224,6 @@ class SplatServer:
             tile_map,
         )
         self._merge_news.post(news, links)
-
-    def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
-        links, frame = self._worker_links, assembly.frame
-        frame_seconds = time.perf_counter() - self._frame_began
-        return assembly.stats(
-            links.received(frame),
-            self._planning_seconds,
-            frame_seconds,
-            links.decoding_seconds(frame),
-            links.held_back(),
-        )
 
     # -- the client's requests, on the working thread
 
@@ -231,7 +243,7 @@ class SplatServer:
 
     @takes(messages.ReadTrace)
     def _read_trace(self, request: messages.ReadTrace) -> None:
-        spans = self._spans
+        spans = UNTRACED if self._frame is None else self._frame.spans
         self._outbox.post_later(lambda: spans.told(request.of_frame))  # the image that goes before is in it
 
     @takes(messages.MeasureLink)
@@ -263,28 +275,25 @@ class SplatServer:
 
     @takes(messages.ReadProgress)
     def _read_progress(self, request: messages.ReadProgress) -> None:
-        if self._assembly is not None and self._assembly.frame == request.frame:
-            self._outbox.post(messages.FrameProgress(request.frame, self._assembly.share_done))
+        if (frame := self._frame) is not None and frame.number == request.frame:
+            self._outbox.post(messages.FrameProgress(request.frame, frame.assembly.share_done))
 
     def _begin(self, request: messages.RenderFrame) -> None:
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
-        self._frame_began = time.perf_counter()
-        self._frame_came = min(self._newest_came, self._frame_began)
-        self._spans = self._worker_links.spans(request.frame) if request.traced else UNTRACED
+        began = time.perf_counter()
+        came = min(self._newest_came, began)
+        spans = self._worker_links.spans(request.frame) if request.traced else UNTRACED
         self._worker_links.begin_frame()
-        self._reached_told, self._lost = (0, 0), []
-        self._drawing = False
-        self._assembly = self._block = None
+        self._frame = None
         assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
         regions = regions_of(request.regions, self._client.id)
         block = self._outbox.images.target(assembly.published_bytes(regions))
         sources = sum(request.workers.values())
         assembly.begin(regions, sources, self._news, self._readable, block=block, traced=request.traced)
-        self._assembly, self._block, self._request, self._drawing = assembly, block, request, True
         planned = time.perf_counter()
-        self._planning_seconds = planned - self._frame_began
-        self._spans.note("requests", "wait for its turn", self._frame_came, self._frame_began)
-        self._spans.note("requests", "plan", self._frame_began, planned)
+        self._frame = _Frame(request, assembly, block, spans, came, began, planned)
+        spans.note("requests", "wait for its turn", came, began)
+        spans.note("requests", "plan", began, planned)
         with self._lock:  # what is held goes before all that comes
             instructions = self._merge.handle(FrameStarted(request.frame, request.workers, assembly.splat))
             refused = carried_out(instructions)
@@ -296,36 +305,34 @@ class SplatServer:
         self._abort(request.frame)  # its batches are on their way or here
         self._outbox.post(refusal(request, error))
 
-    def _abort(self, frame: int) -> None:
+    def _abort(self, number: int) -> None:
         with self._lock:
-            self._merge.handle(FrameDropped(frame))
+            self._merge.handle(FrameDropped(number))
         self._worker_links.follow_merge()
-        if self._assembly is not None and self._assembly.frame <= frame:
-            if self._drawing:
+        frame = self._frame
+        if frame is not None and frame.number <= number:
+            if frame.drawing:
                 self._counts.add("frames", of="given up")
-                log.info("frame %d is given up", frame, extra={"event": "frame_given_up", "frame": frame})
-            self._assembly.abort()
-            self._drawing = False
+                log.info("frame %d is given up", number, extra={"event": "frame_given_up", "frame": number})
+            frame.assembly.abort()
+            frame.drawing = False
 
     def _post_image(self, wanted: messages.ReadImage) -> None:
-        assembly, request = self._assembly, self._request
-        if assembly is None or request is None or assembly.frame != wanted.frame:
+        frame = self._frame
+        if frame is None or frame.number != wanted.frame:
             return  # the client has gone on to another frame
-        left, top, width, height = assembly.splat.rectangle
-        complete = self._is_whole(assembly)
-        step = assembly.plan.step
+        left, top, width, height = frame.assembly.splat.rectangle
+        complete, step = frame.is_whole, frame.assembly.plan.step
         image = messages.ImageRead(wanted.frame, step, complete, left, top, width, height, messages.RawPixels())
-        pixels = self._block if complete and self._block is not None else self._shown(assembly, image.raw_bytes)
-        answered, exact = self._answered(wanted), complete and request.exact
-        self._outbox.post_image(image, pixels, exact, answered, self._spans)
-
-    def _is_whole(self, assembly: FrameAssembly) -> bool:
-        return not self._drawing and not self._lost and assembly.splat.complete
+        published = frame.block if complete else None
+        pixels = self._shown(frame.assembly, image.raw_bytes) if published is None else published
+        exact = complete and frame.request.exact
+        self._outbox.post_image(image, pixels, exact, self._answered(wanted), frame.spans)
 
     def _answered(self, wanted: messages.ReadImage) -> messages.Message:
         """What an image answers: once it is finished the request of the frame, whether or not it was asked for."""
-        finished = self._assembly is not None and self._is_whole(self._assembly)
-        return self._request if finished and self._request is not None else wanted
+        frame = self._frame
+        return frame.request if frame is not None and frame.is_whole else wanted
 
     def _shown(self, assembly: FrameAssembly, nbytes: int) -> memoryview:
         """The image as it stands, in memory that the client sees if there is some."""

@@ -121,8 +121,8 @@ class Bench:
     @property
     def packets(self) -> int:
         """That are splatted of the newest frame."""
-        assembly = self._server._assembly
-        return assembly.splat.packets if assembly is not None else 0
+        frame = self._server._frame
+        return frame.assembly.splat.packets if frame is not None else 0
 
     def fills_buffers(self, worker: int) -> None:
         """Wait until the server reads no more from a worker."""
