@@ -10,7 +10,7 @@ import pytest
 from support.pages.browser import browser, kept_as_loaded, patient_context
 from support.pages.fingers import fingers_on, pinch
 from support.pages.page_tab import after, opened
-from support.pages.tables_tab import until
+from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed
 from volsplat.bench.page_drag import REFINED
 
@@ -195,6 +195,47 @@ def test_fingers_turn_and_zoom_beside_an_open_drawer(page: Page) -> None:
     assert float(str(seen()["zoom"])) > 1.5 * float(str(turned["zoom"]))
     page.get_by_role("button", name="scene", exact=True).tap()
     until(page, lambda: height_seen(page) == whole)
+
+
+def test_a_finger_scrolls_the_tables_unless_it_is_at_a_point(page: Page) -> None:
+    button, drawer = page.get_by_role("button", name="tables", exact=True), panels(page)[1]
+    button.tap()
+    points = page.get_by_role("region", name="Opacity").locator("circle[role=slider]")
+    points.first.wait_for()
+    scrolled = "(drawer) => drawer.scrollTop"
+
+    def told() -> list[tuple[str | None, ...]]:
+        names = ("aria-valuenow", "aria-valuetext", "cx", "cy")
+        return [tuple(point.get_attribute(name) for name in names) for point in points.all()]
+
+    def swipe(place: tuple[float, float], across: float, up: float) -> None:
+        touch("touchStart", place)
+        for part in range(1, 11):
+            touch("touchMove", (place[0] + across * part / 10, place[1] - up * part / 10))
+        touch("touchEnd")
+
+    touch, before = fingers_on(page), told()
+    first, second = (middle_of(point) for point in points.all()[:2])
+    on_line = ((first[0] + second[0]) / 2, (first[1] + second[1]) / 2)
+    swipe(on_line, 0, 60)
+    until(page, lambda: drawer.evaluate(scrolled) > 30)
+    until(page, lambda: len(told()) == len(before))
+    page.wait_for_function(REFINED)
+    assert told() == before
+    drawer.evaluate("(drawer) => { drawer.scrollTop = 0; }")
+    until(page, lambda: middle_of(points.first) == first)
+    swipe(second, 5, 30 if second[1] > first[1] else -30)
+    until(page, lambda: told() != before)
+    assert len(told()) == len(before) and drawer.evaluate(scrolled) == 0
+    page.wait_for_function(REFINED)
+    page.get_by_label("undo", exact=True).tap()
+    until(page, lambda: told() == before)
+    button.tap()
+
+
+def middle_of(point: Locator) -> tuple[float, float]:
+    place = box(point)
+    return place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
 
 
 def test_all_of_the_picture_is_seen_above_a_drawer_of_a_telephone(page: Page) -> None:

@@ -100,6 +100,8 @@ export class PatchEditor {
     });
     svg.addEventListener("pointerup", () => this._release());
     svg.addEventListener("lostpointercapture", () => this._release());
+    // A finger on a patch moves that, any other scrolls the panel.
+    svg.addEventListener("touchmove", (event) => this.drag && event.preventDefault(), { passive: false });
     svg.addEventListener("pointerleave", () => (this._find("output").textContent = ""));
     svg.addEventListener("keydown", (event) => this._key(event));
     svg.addEventListener("keyup", (event) => event.key in ARROWS && this._settle());

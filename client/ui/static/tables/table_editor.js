@@ -39,6 +39,7 @@ export class TableEditor {
     this.before = null;
     /** @type {((event: PointerEvent) => void) | null} what a moving pointer does while it is held down */
     this.drag = null;
+    this.adding = false; // whether that is held at a point that it has added
     this.sent = 0; // changes so far
     this.frame = 0; // the screen's frame in which a change goes out, or 0
     head.innerHTML = `<b></b><span class="vs-table-field"></span><output></output>
@@ -133,7 +134,9 @@ export class TableEditor {
     svg.addEventListener("pointerdown", (event) => this._press(event));
     svg.addEventListener("pointermove", (event) => this._move(event));
     svg.addEventListener("pointerup", () => this._release());
+    svg.addEventListener("pointercancel", () => this.adding && this._cancel());
     svg.addEventListener("lostpointercapture", () => this._release());
+    svg.addEventListener("touchmove", (event) => this._keepFinger(event), { passive: false });
     svg.addEventListener("pointerleave", () => this._hoverAt(null));
     svg.addEventListener("dblclick", (event) => this._doubleClick(event));
     svg.addEventListener("contextmenu", (event) => {
@@ -165,14 +168,21 @@ export class TableEditor {
 
   // -- the pointer
 
+  /** A finger on a point or the pencil does not scroll the panel; any other may, and then adds no point. @param {TouchEvent} event */
+  _keepFinger(event) {
+    if (this.drag && !this.adding) event.preventDefault();
+  }
+
   /** @param {PointerEvent} event */
   _press(event) {
     this.fields.leave();
     if (event.button !== 0 || this.drag) return;
+    this.adding = false;
     if (this.pencil) this._begin(event, this._drawing(event));
     else {
       let index = this.plot.pointAt(this.points, event.clientX, event.clientY);
-      if (index < 0 && this.plot.onLine(this.points, event.clientX, event.clientY)) index = this._add(event);
+      this.adding = index < 0 && this.plot.onLine(this.points, event.clientX, event.clientY);
+      if (this.adding) index = this._add(event);
       if (index >= 0) this._begin(event, this._dragging(index));
       else this._select(-1);
     }
@@ -197,6 +207,7 @@ export class TableEditor {
   _release() {
     if (!this.drag) return;
     this.drag = null;
+    this.adding = false;
     this._settle();
   }
 
@@ -341,6 +352,7 @@ export class TableEditor {
   _cancel() {
     this.points = [.../** @type {Point[]} */ (this.before)];
     this.drag = null;
+    this.adding = false;
     this._settle();
     this._select(Math.min(this.selected, this.points.length - 1));
   }
