@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape, Words
 from volsplat.client.figure.type_faces import size_within, width_of
-from volsplat.client.scene.class_scenes import class_bytes, classes_of
+from volsplat.client.histogram.subject import Subject
+from volsplat.client.scene.class_scenes import class_bytes, classes_of, classes_scene
+from volsplat.client.scene.default_scene import is_shown_as_labels
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.field_axis import FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.kind import CLASS_KINDS
+from volsplat.protocol.description.kind import CLASS_KINDS, Band, Kind
 from volsplat.protocol.description.scene import GRID_FIELDS, TABLE_ENTRIES, Colour, Field, Scene
 from volsplat.protocol.description.volume import GridAxis
 
 LAST = TABLE_ENTRIES - 1
+ROUNDING = 1e-6  # of a table's entry
 ALIKE = 1.5 / 255  # by how much colours that count as the same differ
 LEAST_OPACITY = 0.01  # of what is worth a place in a legend
 MOST_CLASSES = 128  # in one; of more there is a bar
@@ -108,18 +112,15 @@ def colour_bars(scene: Scene, volume: SurveyedVolume) -> ColourBars:
         strips.setdefault(field, []).append(strip)
     opac = scene.cross_bar.opac
     fields = list(dict.fromkeys([*strips, opac]))
-    return ColourBars(
-        tuple(
-            _along(
-                field_axis(volume, field, scene.quantise),
-                tuple(strips.get(field, ())),
-                tuple(scene.tables.opac.entries()) if field is opac else None,
-                volume.description.axes,
-            )
-            for field in fields
-        ),
-        (),
+    bars = (
+        AxisBar(
+            field_axis(volume, field, scene.quantise),
+            tuple(strips.get(field, ())),
+            tuple(scene.tables.opac.entries()) if field is opac else None,
+        )
+        for field in fields
     )
+    return ColourBars(tuple(_told(bar, volume) for bar in bars), ())
 
 
 def _of_plane(scene: Scene, volume: SurveyedVolume) -> ColourBars:
@@ -128,19 +129,36 @@ def _of_plane(scene: Scene, volume: SurveyedVolume) -> ColourBars:
     strips = _strips_of(scene, (Field.DENSITY, emitted), (Field.DENSITY, reflected))
     axis = field_axis(volume, Field.DENSITY, scene.quantise)
     opacities = tuple(entry.opacity for entry in entries)
-    return ColourBars((AxisBar(axis, tuple(strip for _, strip in strips), opacities),), ())
+    return ColourBars((_told(AxisBar(axis, tuple(strip for _, strip in strips), opacities), volume),), ())
 
 
-def _along(
-    axis: FieldAxis,
-    strips: tuple[Strip, ...],
-    opacities: tuple[float, ...] | None,
-    file_axes: tuple[GridAxis, GridAxis, GridAxis] | None,
-) -> AxisBar:
-    """The axis of a grid index in what the file says that it stands for, rising to the right."""
-    if file_axes is None or axis.field not in GRID_FIELDS:
-        return AxisBar(axis, strips, opacities)
-    told = file_axes[GRID_FIELDS.index(axis.field)]
+def _told(bar: AxisBar, volume: SurveyedVolume) -> AxisBar:
+    """As a person reads it: densities as far as there are any, grid indices as what the file says they stand for."""
+    if bar.axis.field is Field.DENSITY:
+        return _as_far_as_data(bar, volume.survey.low, volume.survey.high)
+    axes = volume.description.axes
+    return _along(bar, axes[GRID_FIELDS.index(bar.axis.field)]) if axes and bar.axis.field in GRID_FIELDS else bar
+
+
+def _as_far_as_data(bar: AxisBar, low: float, high: float) -> AxisBar:
+    """Without the entries at the ends that stand for values which no voxel has; all if that leaves no range."""
+    axis = bar.axis
+    step = (axis.high - axis.low) / LAST
+    first = max(math.floor((low - axis.low) / step + ROUNDING), 0)
+    last = min(math.ceil((high - axis.low) / step - ROUNDING), LAST)
+    if not low < high or not first < last:
+        return bar
+    part = slice(first, last + 1)
+    return AxisBar(
+        replace(axis, low=axis.low + first * step, high=axis.high - (LAST - last) * step),
+        tuple(Strip(strip.name, strip.colours[part]) for strip in bar.strips),
+        bar.opacities and bar.opacities[part],
+    )
+
+
+def _along(bar: AxisBar, told: GridAxis) -> AxisBar:
+    """Rising to the right."""
+    axis, strips, opacities = bar.axis, bar.strips, bar.opacities
     low, high = (told.first + index * told.step for index in (axis.low, axis.high))
     if low < high:
         return AxisBar(FieldAxis(axis.field, told.name, low, high, told.unit), strips, opacities)
@@ -187,19 +205,32 @@ def _proportional(a: Sequence[Colour], b: Sequence[Colour]) -> bool:
 
 def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], ...]:
     """Names (or numbers) and colours of the classes that are there and not transparent, if the tables are by them."""
-    description, bus = volume.description, scene.cross_bar
-    if description.kind not in CLASS_KINDS or {bus.emit, bus.refl, bus.opac} != {Field.DENSITY}:
+    bus = scene.cross_bar
+    if not volume.has_values or {bus.emit, bus.refl, bus.opac} != {Field.DENSITY}:
         return ()
-    strips, opacities = _strips(scene), scene.tables.opac.entries()
-    if not strips:
+    subject = volume.subject(scene.quantise)
+    bands, strips, opacities = _bands(scene, subject), _strips(scene), scene.tables.opac.entries()
+    if not bands or not strips:
         return ()
-    subject, colours = volume.subject(scene.quantise), strips[-1][1].colours
-    counts, told = subject.histogram.counts, []
-    for band in classes_of(subject):
+    counts, colours = subject.histogram.counts, strips[-1][1].colours
+    told = []
+    for band in bands:
         low, high = class_bytes(subject, band)
         if max(opacities[low : high + 1]) >= LEAST_OPACITY and any(counts[low : high + 1]):
             told.append((band.name, colours[(low + high) // 2]))
     return tuple(told) if len(told) <= MOST_CLASSES else ()
+
+
+def _bands(scene: Scene, subject: Subject) -> tuple[Band, ...]:
+    """Classes that the volume's values are stated to be, are taken for if nothing is stated, or are shown as."""
+    if subject.kind in CLASS_KINDS:
+        return classes_of(subject)
+    if is_shown_as_labels(subject):
+        return tuple(Band(str(n), n, n) for n in range(int(subject.values.low), int(subject.values.high) + 1))
+    as_labels = replace(subject, kind=Kind.LABELS)
+    preset = classes_scene(as_labels)
+    coloured = preset is not None and preset.tables.refl == scene.tables.refl
+    return classes_of(as_labels) if coloured else ()
 
 
 def _rows(legend: Sequence[tuple[str, Colour]], width: int, em: int) -> list[list[tuple[float, tuple[str, Colour]]]]:

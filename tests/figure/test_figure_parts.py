@@ -190,13 +190,42 @@ def test_labels_without_names_have_a_legend_of_numbers_or_a_bar_if_they_are_too_
     assert not found.legend and [bar.axis.label for bar in found.bars] == ["label"]
 
 
-def surveyed_labels(values: Sequence[int]) -> SurveyedVolume:
-    """Of a file that names none of them."""
-    labels = VolumeDescription(name="atlas", format="NIfTI-1", geometry=GEOMETRY, scalar_type="uint8", kind=Kind.LABELS)
+@pytest.mark.parametrize(("values", "names"), [([0, 0, 1, 4, 9], "1 4 9"), ([0, 1, 1], "0"), ([0, 0, 1], "1")])
+def test_whole_numbers_that_are_shown_as_labels_have_a_legend_whatever_the_file_states(
+    values: list[int], names: str
+) -> None:
+    """Of those that are seen: which is the most frequent is the background."""
+    unstated = surveyed_labels(values, Kind.UNKNOWN)
+    found = colour_bars(unstated.default_scene(), unstated)
+    assert not found.bars and " ".join(name for name, _ in found.legend) == names
+
+
+def test_what_is_not_taken_for_labels_has_a_legend_under_the_preset_that_colours_it_so() -> None:
+    plain = surveyed_labels([0, 10, 50], Kind.UNKNOWN)
+    assert not colour_bars(plain.default_scene(), plain).legend
+    labels = plain.begun_scene("labels")
+    assert [name for name, _ in colour_bars(labels, plain).legend] == ["10", "50"]
+    assert not colour_bars(plain.begun_scene("depth-cue"), plain).legend
+
+
+@given(low=st.integers(0, 200), span=st.integers(1, 55), scale=st.floats(1e-6, 1e6))
+def test_a_bar_of_densities_reaches_as_far_as_the_data_does(low: int, span: int, scale: float) -> None:
+    survey = Survey(low=low * scale, high=(low + span) * scale, max_gradient=1.0, voxels=10, no_data=0)
+    scene = with_tables(1.0, 0.0, quantise=Quantise(window=(0.0, 255.0 * scale)))
+    (bar,) = colour_bars(scene, dataclasses.replace(surveyed(), survey=survey)).bars
+    assert (bar.axis.low, bar.axis.high) == pytest.approx((survey.low, survey.high))
+    cut = slice(low, low + span + 1)
+    assert bar.opacities == tuple(scene.tables.opac.entries()[cut])
+    assert bar.strips[0].colours == tuple(scene.tables.emit.entries()[cut])
+
+
+def surveyed_labels(values: Sequence[int], kind: Kind = Kind.LABELS) -> SurveyedVolume:
+    """Of a file that names none of them; as many voxels of each as it comes in `values`."""
+    labels = VolumeDescription(name="atlas", format="NIfTI-1", geometry=GEOMETRY, scalar_type="uint8", kind=kind)
     most = max(values)
     counts = [0] * HISTOGRAM_BINS
     for value in values:
-        counts[min(value * HISTOGRAM_BINS // most, HISTOGRAM_BINS - 1)] = 1000
+        counts[min(value * HISTOGRAM_BINS // most, HISTOGRAM_BINS - 1)] += 1000
     survey = Survey(low=0.0, high=float(most), max_gradient=9.0, voxels=sum(counts), no_data=0)
     return dataclasses.replace(surveyed(labels), survey=survey, density_counts=counts)
 
