@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, Self
 
-from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.caller.arguments import (
+    checked_axis,
+    checked_count,
+    checked_number,
+    checked_place,
+    checked_scene,
+    checked_step,
+    checked_steps,
+    checked_thinning,
+)
+from volsplat.client.coordinator.coordinator_events import Found, FrameOutcome, PlaneAsked, PointAsked, SliceAsked
 from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.session.published_image import PublishedImage
@@ -16,12 +29,15 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import ImageRead, ProbedVoxel
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from volsplat.client.coordinator.voxel_question_kinds import Asked
 
 PARTIAL_INTERVAL = 0.1  # seconds between partial images
 PROGRESS_SECONDS = 1.0  # between two words of how far a frame is
@@ -104,36 +120,117 @@ class Finisher(Protocol):
         """The finished image of one step, with what it took."""
 
 
-class Renderer(Finisher, Protocol):
-    """A volume that is ready to be drawn."""
+class Renderer(ABC):
+    """A volume that is ready to be drawn, and asked about, until it is closed. What scripts hand in is checked here."""
 
-    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
-        """The finished image of one step, (H, W, 4) float32, associated alpha."""
+    @property
+    @abstractmethod
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume; waits until it is known."""
+
+    @abstractmethod
+    def finish(self, scene: Scene, step: Step | str = Step.F) -> Refinement:
+        """As `render`, with what it took."""
+
+    @abstractmethod
+    def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
+        """A voxel as the volume's file has it; None if that is not known `within` so many seconds."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of all that draws it."""
+
+    @abstractmethod
+    def _refined(
+        self, scene: Scene, first: Step, last: Step, interval: float, exact: Collection[Step], thinning: Thinning
+    ) -> Iterator[Refinement]:
+        """As `refine`."""
+
+    @abstractmethod
+    def _found(self, asked: Callable[[int], Asked]) -> Found:
+        """The answer to a question, which is made of its number. Raises BadInput if it does not fit the volume."""
+
+    def render(self, scene: Scene, step: Step | str = Step.F) -> Tensor:
+        """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
+
+        Raises BadInput if the scene does not fit the volume or torch is not installed, PeerLost if a server is gone
+        and with it a part of the volume, and FrameGivenUp if a newer frame took its place.
+        """
+        return self.finish(scene, step).image
 
     def refine(
         self,
         scene: Scene,
-        last: Step = Step.F,
+        last: Step | str = Step.F,
         partial_interval: float = PARTIAL_INTERVAL,
-        first: Step = Step.A,
-        exact: Collection[Step] = ALL_STEPS,
+        first: Step | str = Step.A,
+        exact: Collection[Step | str] = ALL_STEPS,
+        thinning: Thinning = ALL_VOXELS,
     ) -> Iterator[Refinement]:
-        """The steps `first` to `last`, each finished image and the partial images between; of G the first one sooner.
+        """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
-        Finished images of the `exact` steps keep each bit; what is only looked at may come with 8 bits a channel.
+        The first partial image of step G comes as soon as its first slabs show anything. Finished images of the `exact`
+        steps keep each bit. By a slow link all others, and partial images, come with 8 bits a channel, which look the
+        same. `thinning` says which of a step's voxels are left out: coarser by 1 or 2 octaves it draws every 2nd or 4th
+        on each axis, or a prepared volume's means.
+
+        A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
+        Ends early, without an error, when something else is asked for or all is aborted.
+
+        Goes on if servers are lost while there are others. What such a step still shows comes as a finished image whose
+        outcome says what is missing from it; then, once others have taken over, the step is drawn anew.
+        Raises PeerLost if nothing can be drawn any more.
         """
+        scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
+        interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
+        steps, thinning = checked_steps(exact, "exact"), checked_thinning(thinning)
+        return self._refined(scene, first, last, interval, steps, thinning)
 
     def probe(self, scene: Scene, x: float, y: float) -> ProbedVoxel | None:
-        """The front-most visible voxel at a point of the scene's image, pixels from its first one's centre."""
+        """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.
 
-    def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
-        """A voxel as the volume's file has it; None if that is not known `within` so many seconds."""
+        x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The image need not
+        be drawn, and a frame that runs goes on.
+        Raises BadInput if the scene does not fit the volume, and PeerLost if nothing can be drawn any more.
+        """
+        scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
+        found = self._found(lambda number: PointAsked(number, scene, x, y))
+        assert found is None or isinstance(found, ProbedVoxel), "nothing else was asked for"
+        return found
 
     def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
-        """A slice of the volume across a grid axis, in the scene's colours."""
+        """What is held of a slice across "i", "j" or "k", with the colours that the scene gives its voxels.
+
+        At most `longest` samples lie along a side. No image need be drawn, and a frame that runs goes on. What no
+        server holds any more is missing from it.
+        Raises BadInput if the volume has no such slice, and PeerLost if nothing can be drawn any more.
+        """
+        return self._slice(checked_scene(scene), axis, index, longest)
+
+    def _slice(self, scene: Scene, axis: str, index: int, longest: int, as_packed: bool = False) -> VolumeSlice:
+        across, index, longest = checked_axis(axis), checked_place(index, "index"), checked_count(longest, "longest")
+        found = self._found(lambda number: SliceAsked(number, scene, across, index, longest, as_packed))
+        assert isinstance(found, VolumeSlice), "a slice was asked for"
+        return found
 
     def plane_counts(self, scene: Scene) -> PlaneCounts:
-        """How many voxels have each density with each strength, in the scene's window."""
+        """How many voxels have each density with each strength, in the scene's window: the 2-D histogram.
+
+        They are those that are held, which of a prepared volume are those of a level. Frames that run go on.
+        Raises BadInput for a window without a scale, and PeerLost if nothing can be drawn any more.
+        """
+        scene = checked_scene(scene)
+        found = self._found(lambda number: PlaneAsked(number, scene))
+        assert isinstance(found, PlaneCounts), "counts were asked for"
+        return found
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 def refined(

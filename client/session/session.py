@@ -25,8 +25,6 @@ from volsplat.client.caller.arguments import (
     checked_number,
     checked_scene,
     checked_step,
-    checked_steps,
-    checked_thinning,
     checked_volume,
 )
 from volsplat.client.caller.interrupts import interrupts_held
@@ -41,15 +39,9 @@ from volsplat.client.coordinator.coordinator_events import (
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
-from volsplat.client.session.asked_images import AskedImages
-from volsplat.client.session.checked_renderer import CheckedRenderer
+from volsplat.client.session.asked_images import AskedImages, DrawingTurn
 from volsplat.client.session.coordination import Coordination
-from volsplat.client.session.renderer import (
-    ALL_STEPS,
-    FILE_SECONDS,
-    PARTIAL_INTERVAL,
-    Refinement,
-)
+from volsplat.client.session.renderer import FILE_SECONDS, Refinement, Renderer
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.session.session_servers import asked_servers
 from volsplat.client.trace.frame_tracer import FrameTracer
@@ -60,7 +52,7 @@ from volsplat.program.extras import need
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages import messages
-from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
+from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import Address
@@ -74,7 +66,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-class Session(CheckedRenderer):
+class Session(Renderer):
     """A volume held by map/shade servers, and drawn by splat servers that share out the image.
 
     `volume` is a path as the servers see it, or an array or image in memory, which servers of this machine share. With
@@ -217,34 +209,11 @@ class Session(CheckedRenderer):
         self._check_has_volume()
         return self._images.finish(checked_scene(scene), checked_step(step))
 
-    def refine(
-        self,
-        scene: Scene,
-        last: Step | str = Step.F,
-        partial_interval: float = PARTIAL_INTERVAL,
-        first: Step | str = Step.A,
-        exact: Collection[Step | str] = ALL_STEPS,
-        thinning: Thinning = ALL_VOXELS,
+    def _refined(
+        self, scene: Scene, first: Step, last: Step, interval: float, exact: Collection[Step], thinning: Thinning
     ) -> Iterator[Refinement]:
-        """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
-
-        The first partial image of step G comes as soon as its first slabs show anything. Finished images of the `exact`
-        steps keep each bit. By a slow link all others, and partial images, come with 8 bits a channel, which look the
-        same. `thinning` says which of a step's voxels are left out: coarser by 1 or 2 octaves it draws every 2nd or 4th
-        on each axis, or a prepared volume's means.
-
-        A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
-        Ends early, without an error, when something else is asked for or all is aborted.
-
-        Goes on if servers are lost while there are others. What such a step still shows comes as a finished image whose
-        outcome says what is missing from it; then, once others have taken over, the step is drawn anew.
-        Raises PeerLost if nothing can be drawn any more.
-        """
-        scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
-        interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
-        steps, thinning = checked_steps(exact, "exact"), checked_thinning(thinning)
         self._check_has_volume()
-        return self._opened_by.checked(self._images.refine(scene, first, last, interval, steps, thinning))
+        return self._opened_by.checked(self._images.refine(scene, first, last, interval, exact, thinning))
 
     def slice(self, axis: str, index: int) -> Tensor:
         """The densities of a slice across "i", "j" or "k", float32 in the data's units; NaN where there are none.
@@ -305,6 +274,11 @@ class Session(CheckedRenderer):
         from volsplat.client.ui.notebook_widget import VolumeWidget
 
         return VolumeWidget(self, scene, controls)
+
+    def turn(self) -> DrawingTurn:
+        """For viewers: who draws in turns gives way to others that draw, and others to who does by hand."""
+        self._check_has_volume()
+        return self._images.turn()
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameGivenUp once every server has acknowledged."""

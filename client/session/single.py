@@ -16,10 +16,8 @@ from volsplat.client.caller.arguments import (
     checked_bytes,
     checked_count,
     checked_index,
-    checked_number,
     checked_scene,
     checked_step,
-    checked_steps,
     checked_volume,
 )
 from volsplat.client.caller.own_process import OwnProcess
@@ -40,15 +38,13 @@ from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.voxel_question_kinds import Asked, question_for
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import volume_in_memory
-from volsplat.client.session.checked_renderer import CheckedRenderer
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
-    ALL_STEPS,
     FILE_SECONDS,
-    PARTIAL_INTERVAL,
     PROGRESS_SECONDS,
     PartialPace,
     Refinement,
+    Renderer,
     StepOutcome,
     refined,
 )
@@ -71,6 +67,7 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
+from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
@@ -100,7 +97,7 @@ class _Begun:
     planned: float
 
 
-class SingleProcess(CheckedRenderer):
+class SingleProcess(Renderer):
     """A volume held and drawn by this process alone: the same images as a Session's, bit for bit.
 
     Any thread may call its methods. Of several that want a finished image each gets its own, one after another.
@@ -163,26 +160,9 @@ class SingleProcess(CheckedRenderer):
             *_, finished = self._drawn(self._begun(scene, step), partial_interval=float("inf"))
         return finished
 
-    def refine(
-        self,
-        scene: Scene,
-        last: Step | str = Step.F,
-        partial_interval: float = PARTIAL_INTERVAL,
-        first: Step | str = Step.A,
-        exact: Collection[Step | str] = ALL_STEPS,
+    def _refined(
+        self, scene: Scene, first: Step, last: Step, interval: float, exact: Collection[Step], thinning: Thinning
     ) -> Iterator[Refinement]:
-        """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
-
-        All of them are exact.
-
-        Ends early, without an error, when something else is drawn meanwhile.
-        """
-        scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
-        interval = checked_number(partial_interval, "partial_interval", least=0.0)
-        checked_steps(exact, "exact")
-        return self._refined(scene, first, last, interval)
-
-    def _refined(self, scene: Scene, first: Step, last: Step, partial_interval: float) -> Iterator[Refinement]:
         newest = 0  # frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
@@ -190,9 +170,9 @@ class SingleProcess(CheckedRenderer):
             with self._drawing:
                 if newest not in (0, self._frame):
                     raise Superseded
-                begun = self._begun(scene, step)
+                begun = self._begun(scene, step, thinning)
                 newest = self._frame
-            return self._drawn(begun, partial_interval)
+            return self._drawn(begun, interval)
 
         try:
             yield from refined(drawn, scene, first, last)
@@ -276,7 +256,7 @@ class SingleProcess(CheckedRenderer):
         if assembly.frame != self._frame:
             raise Superseded
 
-    def _begun(self, scene: Scene, step: Step) -> _Begun:
+    def _begun(self, scene: Scene, step: Step, thinning: Thinning = ALL_VOXELS) -> _Begun:
         """Have the threads draw it, and nothing else any more; the lock is held. Raises BadInput."""
         began = time.perf_counter()
         self._opened_by.check()
@@ -285,7 +265,7 @@ class SingleProcess(CheckedRenderer):
         self._frame += 1
         with computable():
             self._why_level = self._packed(scene, step).why_level
-            request = self._request(scene, step)
+            request = self._request(scene, step, thinning)
             assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
         self._say(f"step {step}")
         sub_cubes = self._held.sub_cubes_asked(request)
@@ -293,10 +273,11 @@ class SingleProcess(CheckedRenderer):
         assembly.begin(request.regions, 0, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return _Begun(step, request, assembly, at=began, planned=time.perf_counter())
 
-    def _request(self, scene: Scene, step: Step) -> messages.RenderFrame:
+    def _request(self, scene: Scene, step: Step, thinning: Thinning) -> messages.RenderFrame:
         """Of what is held, with what dims its light."""
         threads = {WORKER: self._threads}
-        drawing = self._holding.drawing(scene, step, self._holding.resolution(step, scene.refine.striding))
+        resolution = self._holding.resolution(step, scene.refine.striding, thinning)
+        drawing = self._holding.drawing(scene, step, resolution)
         regions = self._shares.regions(drawing.plan, threads)
         request = messages.RenderFrame(self._frame, self._held.assignment, drawing, threads, regions, exact=True)
         return self._dimmed(request, scene) if need_depths(scene, step) else request
