@@ -136,11 +136,19 @@ BAD: dict[str, tuple[Callable[[Renderer, Scene], object], str]] = {
     ],
 )
 def test_what_refinement_cannot_go_by_is_refused_and_the_session_goes_on(
-    session: Session, single: SingleProcess, options: Any, told: str
+    renderer: Renderer, single: SingleProcess, options: Any, told: str
 ) -> None:
     with pytest.raises(BadInput, match=told):
-        list(session.refine(skin(session), **options))
-    assert torch.equal(session.render(skin(single), "D"), single.render(skin(single), "D"))
+        list(renderer.refine(skin(renderer), **options))
+    assert torch.equal(renderer.render(skin(single), "D"), single.render(skin(single), "D"))
+
+
+def test_a_single_process_leaves_out_the_voxels_that_a_session_does(session: Session, single: SingleProcess) -> None:
+    scene, thinning = skin(single), Thinning(sheets=2)
+    (drawn,), (alone,) = (
+        list(each.refine(scene, "F", float("inf"), "F", thinning=thinning)) for each in (session, single)
+    )
+    assert torch.equal(drawn.image, alone.image) and not torch.equal(alone.image, single.render(scene))
 
 
 def _zoomed_late(scene: Scene, zoom: Any) -> Scene:
