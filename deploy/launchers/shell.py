@@ -7,9 +7,9 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState, StartedServer
+from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, ServerState, StartedServer
 from volsplat.deploy.launchers.log_files import file_name
-from volsplat.deploy.server_command import first_word
+from volsplat.deploy.server_command import Program, first_word
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
@@ -30,15 +30,17 @@ Run = Callable[[str, str], str]  # a script and its input: what it prints. Raise
 
 
 class ShellServers(NamedTuple):
-    """The servers of one machine, whose shell `run` speaks to, and `ask` of what nobody has to wait for."""
+    """A launcher of servers on one machine, whose shell `run` speaks to, and `ask` of what nobody has to wait for."""
 
     run: Run
     ask: Run
     place: str  # for people
     cluster: str  # name, for its logs
+    command: Callable[[Program], str]  # that runs one, as a shell takes it
 
-    def start(self, orders: Sequence[ServerOrder], commands: Sequence[str], secrets: Secrets) -> list[StartedServer]:
-        """By these commands, as a shell takes them."""
+    def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
+        report(f"{self.place}: starting {len(orders)} servers")
+        commands = [self.command(order.program) for order in orders]
         said = self.run(_start_script(self.cluster, orders, commands), secrets.token.key.decode() + "\n")
         lines = [line.split("\t") for line in said.split("\n") if line.count("\t") == 2]
         if len(lines) != len(orders):
@@ -66,7 +68,7 @@ class ShellServers(NamedTuple):
             return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
         return {server.name: _said(line) for server, line in zip(servers, said, strict=True)}
 
-    def stop(self, servers: Sequence[StartedServer]) -> None:
+    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         every = [(process, began) for process, began, _ in map(_quoted, servers)]
         # One that was stopped by a signal goes on, to end.
         ends = [

@@ -7,12 +7,10 @@ import shlex
 import signal
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from volsplat.deploy.cluster_file import Machine
-from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, StartedServer
 from volsplat.deploy.launchers.shell import ShellServers
 from volsplat.deploy.process_group import end_group
 from volsplat.protocol.text.errors import BadInput
@@ -39,28 +37,11 @@ _LEFT_AT_EXIT = set["subprocess.Popen[str]"]()
 NO_SSH = "ssh is not installed here; install OpenSSH's client"
 
 
-class SshLauncher:
-    """The servers are detached: they outlive the connection, and write a log there."""
-
-    def __init__(self, machine: Machine, folder: Path) -> None:
-        assert machine.host is not None
-        self._machine, self._host = machine, machine.host
-        run, ask = partial(run_there, machine), partial(run_there, machine, may_be_left=True)
-        self._servers = ShellServers(run, ask, machine.host, folder.name)
-
-    def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
-        report(f"{self._host}: starting {len(orders)} servers by ssh")
-        commands = [f"{self._machine.command} {order.program.command}" for order in orders]
-        return self._servers.start(orders, commands, secrets)
-
-    def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
-        return self._servers.states(servers)
-
-    def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
-        self._servers.stop(servers)
-
-    def logs(self, server: StartedServer, lines: int) -> str:
-        return self._servers.logs(server, lines)
+def ssh_launcher(machine: Machine, folder: Path) -> ShellServers:
+    """Its servers are detached: they outlive the connection, and write a log there."""
+    assert machine.host is not None
+    run, ask = partial(run_there, machine), partial(run_there, machine, may_be_left=True)
+    return ShellServers(run, ask, machine.host, folder.name, lambda program: f"{machine.command} {program.command}")
 
 
 def ssh_command(machine: Machine, script: str, *options: str) -> list[str]:

@@ -26,7 +26,7 @@ def servers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ShellServers:
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
     (tmp_path / ODD).mkdir()
-    return ShellServers(by_shell, by_shell, "here", "lab")
+    return ShellServers(by_shell, by_shell, "here", "lab", lambda program: "true")
 
 
 def by_shell(script: str, given: str) -> str:
@@ -47,7 +47,7 @@ def stands_in_for_ssh(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def started(servers: ShellServers, data_root: str, command: str = "true") -> str:
     """The log of a server of this data-root, once it has ended."""
     order = ServerOrder("node map/shade", Program.MAPSHADE_SERVER, ("--data-root", data_root))
-    each = servers.start([order], [command], SECRETS)
+    each = servers._replace(command=lambda program: command).start([order], SECRETS, print)
     wait_until(lambda: servers.states(each)[order.name].state is ServerState.ENDED, "ended")
     return servers.states(each)[order.name].reason
 
@@ -110,7 +110,7 @@ def test_a_command_may_lie_in_a_folder_with_a_space(servers: ShellServers, tmp_p
 
 def test_the_last_line_of_a_log_is_told_as_it_stands(servers: ShellServers) -> None:
     order = ServerOrder("node splat", Program.SPLAT_SERVER, (r"at C:\new", r"\c"))
-    each = servers.start([order], ["printf '%s %s\\n'"], SECRETS)
+    each = servers._replace(command=lambda program: "printf '%s %s\\n'").start([order], SECRETS, print)
     ended = Said(ServerState.ENDED, r"at C:\new \c")
     wait_until(lambda: servers.states(each) == {order.name: ended}, "told")
 
@@ -131,7 +131,7 @@ def test_a_log_of_any_bytes_is_told_in_one_line_beside_the_others(
     stands_in_for_ssh(tmp_path, monkeypatch)
     log = tmp_path / "log"
     log.write_bytes(b"before\n" + last)
-    servers = ShellServers(run, run, "here", "lab")
+    servers = ShellServers(run, run, "here", "lab", str)
     each = [StartedServer(name, "here", {"process": "1", "began": "0", "log": str(log)}) for name in "ab"]
     said = servers.states(each)
     assert [said[name].state for name in "ab"] == [ServerState.ENDED] * 2
@@ -140,6 +140,6 @@ def test_a_log_of_any_bytes_is_told_in_one_line_beside_the_others(
 
 
 def test_a_shell_that_answers_something_else_tells_of_no_server() -> None:
-    servers = ShellServers(by_shell, lambda script, given: "Welcome\n", "here", "lab")
+    servers = ShellServers(by_shell, lambda script, given: "Welcome\n", "here", "lab", str)
     each = [StartedServer(name, "here", {"process": "1", "began": "0", "log": "log"}) for name in "ab"]
     assert {said.state for said in servers.states(each).values()} == {ServerState.UNKNOWN}
