@@ -4,6 +4,7 @@ import queue
 import threading
 
 from volsplat.client.coordinator.coordinator_events import EndFrame, PublishImage
+from volsplat.client.session.turns import Turn, Turns, Urgency
 from volsplat.protocol.messages.message import LARGEST_ID
 from volsplat.protocol.text.callers_lines import under_callers_lines
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -23,25 +24,32 @@ class AskedFrames:
     """Any thread may ask and wait; the coordinator's answers."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  # guards what follows
+        self._changed = threading.Condition()  # guards what follows
         self._answers: dict[int, Answers] = {}
         self._newest = 0
+        self._newest_outright = 0  # of those without a turn
+        self._turns = Turns()
         self._failure: VolsplatError | None = None
 
     @property
     def newest(self) -> int:
         return self._newest
 
-    def ask(self, after: int | None = None) -> tuple[int, Answers]:
-        """A new frame's number, and where its answers will be.
+    def ask(self, after: int | None = None, turn: Turn | None = None) -> tuple[int, Answers]:
+        """A new frame's number, and where its answers will be; without a turn others may have to finish theirs first.
 
-        Raises FrameGivenUp if something else was asked for since frame `after`, what ended the session, and BadInput.
+        Raises FrameGivenUp if something else was asked for outright since frame `after`, or somebody else has the
+        turn, what ended the session, and BadInput.
         """
         answers: Answers = queue.SimpleQueue()
-        with self._lock:
+        with self._changed:
+            if turn is None:
+                self._changed.wait_for(lambda: self._given_up(after) or not self._turns.scripts_wait)
             if self._failure is not None:
                 raise self._failure
-            if after is not None and after != self._newest:
+            if turn is not None and self._turns.holder is not turn:
+                raise FrameGivenUp(f"somebody else's turn to draw has begun; {ASK_AGAIN}")
+            if turn is None and self._given_up(after):
                 raise FrameGivenUp(f"what followed frame {after} gave way to a newer frame; {ASK_AGAIN}")
             if self._newest >= LARGEST_ID:
                 raise BadInput(
@@ -49,32 +57,87 @@ class AskedFrames:
                 )
             self._newest += 1
             self._answers[self._newest] = answers
+            self._note(self._newest, turn)
             return self._newest, answers
 
     def supersede(self) -> int:
         """Make the newest frame an old one, for a refinement between two steps as well; returns its number."""
-        with self._lock:
+        with self._changed:
             self._newest += 1
+            self._newest_outright = self._newest
+            self._turns.holder = None
+            self._changed.notify_all()
             return self._newest - 1
+
+    def begin_turn(self, turn: Turn, urgency: Urgency) -> None:
+        """Wait until it may have the session. Raises FrameGivenUp if it is over before, and what ended the session."""
+        with self._changed:
+            self._turns.wait(turn, urgency)
+            try:
+                self._changed.wait_for(lambda: self._failure is not None or turn.over or self._turns.may_begin(turn))
+                if self._failure is not None:
+                    raise self._failure
+                if turn.over:
+                    raise FrameGivenUp(f"nobody wants this any more; {ASK_AGAIN}")
+                self._turns.begin(turn)
+            except BaseException:
+                self._turns.leave(turn)
+                raise
+            finally:
+                self._changed.notify_all()
+
+    def leave_turn(self, turn: Turn) -> None:
+        """Others may draw."""
+        with self._changed:
+            self._turns.leave(turn)
+            self._changed.notify_all()
+
+    def end_turn(self, turn: Turn) -> None:
+        """Have who waits for it, or draws in it, do so no more."""
+        with self._changed:
+            turn.over = True
+            self._turns.leave(turn)
+            self._changed.notify_all()
 
     def forget(self, frame: int) -> None:
         """Nobody waits for this frame any more."""
-        with self._lock:
+        with self._changed:
             del self._answers[frame]
+            self._end(frame)
 
     def give(self, answer: PublishImage | EndFrame) -> None:
-        with self._lock:
+        with self._changed:
             answers = self._answers.get(answer.frame)
+            if isinstance(answer, EndFrame) or answer.outcome is not None:  # who waits may not look for long
+                self._end(answer.frame)
         if answers is not None:
             answers.put(answer)
 
     def fail(self, error: VolsplatError) -> None:
         """From now on every frame ends in an error."""
-        with self._lock:
+        with self._changed:
             self._failure = self._failure or error
+            self._changed.notify_all()
             waiting = list(self._answers)
         for frame in waiting:
             self.give(EndFrame(frame, error))
+
+    def _given_up(self, after: int | None) -> bool:
+        """Whether nothing more may be asked for outright, after that frame."""
+        return self._failure is not None or (after is not None and after < self._newest_outright)
+
+    def _note(self, frame: int, turn: Turn | None) -> None:
+        """Of what runs, this takes the place."""
+        if turn is not None:
+            turn.frame = frame
+            return
+        self._newest_outright = frame
+        self._turns.outright.add(frame)
+        self._turns.holder = None
+
+    def _end(self, frame: int) -> None:
+        self._turns.outright.discard(frame)
+        self._changed.notify_all()
 
 
 def next_image(answers: Answers, patience: float) -> PublishImage | None:

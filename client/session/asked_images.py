@@ -6,7 +6,9 @@ import logging
 import math
 import time
 from collections.abc import Collection, Generator, Iterator
+from contextlib import contextmanager
 
+from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     FrameAsked,
@@ -20,6 +22,7 @@ from volsplat.client.session.coordination import Coordination
 from volsplat.client.session.frame_counts import count_outcome
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import PROGRESS_SECONDS, PartialPace, Refinement, StepOutcome, refined
+from volsplat.client.session.turns import Turn, Urgency
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.program.counts import Counts
 from volsplat.program.room_for_image import check_room_for_image
@@ -30,7 +33,10 @@ log = logging.getLogger(__name__)
 
 
 class AskedImages:
-    """Each is asked for by the thread that waits for it; what is asked for later takes the place of what runs."""
+    """Each is asked for by the thread that waits for it; what is asked for later takes the place of what runs.
+
+    What viewers of the session draw in turn takes no script's place, and never ends what a script asked for.
+    """
 
     def __init__(
         self, coordination: Coordination, session: str, counts: Counts, tracer: FrameTracer | None = None
@@ -41,15 +47,19 @@ class AskedImages:
         self._counts = counts
         self._tracer = tracer
 
-    def finish(self, scene: Scene, step: Step) -> Refinement:
+    def turn(self) -> DrawingTurn:
+        """For one who draws in turn."""
+        return DrawingTurn(self, self._coordination)
+
+    def finish(self, scene: Scene, step: Step, turn: Turn | None = None) -> Refinement:
         """The finished image of one step; drawn anew if a server was lost whose work others take over."""
         frame: int | None = None
         while True:
-            frame, answers = self._ask(scene, step, require_complete=True, after=frame)
+            frame, answers = self._ask(scene, step, require_complete=True, after=frame, turn=turn)
             try:
                 *_, finished = self._drawn(frame, answers, step, partial_interval=math.inf)
                 return finished
-            except ImageIncomplete:  # others take over, and can draw all of it
+            except (ImageIncomplete, FrameGivenUp):  # others take over, or a viewer went first: once more, if wanted
                 continue
 
     def refine(
@@ -65,25 +75,42 @@ class AskedImages:
         asked: list[int] = []  # the newest frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
-            healing = False  # what is left has been seen, and others read the rest: wait for the whole
-            while True:
-                after = asked[-1] if asked else None
-                frame, answers = self._ask(scene, step, healing, after, step in exact, thinning)
-                asked.append(frame)
-                healing = False
-                try:
-                    for refinement in self._drawn(frame, answers, step, partial_interval):
-                        healing = refinement.outcome is not None and refinement.outcome.servers.healing
-                        yield refinement
-                    if not healing:
-                        return
-                except (ImageIncomplete, VolumeIncomplete):  # lost while it was drawn: once more, with what is left
-                    continue
+            return self.draw(scene, step, partial_interval, step in exact, thinning, asked)
 
         try:
             yield from refined(drawn, scene, first, last)
         except FrameGivenUp:
             return
+
+    def draw(
+        self,
+        scene: Scene,
+        step: Step,
+        partial_interval: float,
+        exact: bool,
+        thinning: Thinning,
+        asked: list[int],
+        turn: Turn | None = None,
+    ) -> Iterator[Refinement]:
+        """Partial images of the bare buffer, then the finished one. The frames `asked` for are added there.
+
+        Raises FrameGivenUp if it gave way.
+        """
+        healing = False  # what is left has been seen, and others read the rest: wait for the whole
+        while True:
+            after = asked[-1] if asked else None
+            frame, answers = self._ask(scene, step, healing, after, exact, thinning, turn)
+            asked.append(frame)
+            healing = False
+            try:
+                for refinement in self._drawn(frame, answers, step, partial_interval):
+                    healing = refinement.outcome is not None and refinement.outcome.servers.healing
+                    yield refinement
+                if not healing:
+                    return
+            # Lost while it was drawn: once more, with what is left. Or somebody went first: once more, if wanted.
+            except (ImageIncomplete, VolumeIncomplete, FrameGivenUp):
+                continue
 
     def _ask(
         self,
@@ -93,13 +120,19 @@ class AskedImages:
         after: int | None = None,
         exact: bool = True,
         thinning: Thinning = ALL_VOXELS,
+        turn: Turn | None = None,
     ) -> tuple[int, Answers]:
-        """Ask for a frame. Raises FrameGivenUp if something else was asked for since frame `after`, and BadInput."""
+        """Ask for a frame.
+
+        Raises FrameGivenUp if something else was asked for since frame `after` or the turn is lost, and BadInput.
+        """
         self._coordination.check_may_wait()
         check_room_for_image(scene.image.width, scene.image.height)
-        frame, answers = self._coordination.frames.ask(after)
+        frame, answers = self._coordination.frames.ask(after, turn)
         self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
         self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, thinning))
+        if turn is not None and turn.over:  # since the number was given
+            self._coordination.tell(AbortAsked(frame))
         return frame, answers
 
     def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float) -> Iterator[Refinement]:
@@ -145,6 +178,46 @@ class AskedImages:
 
     def _log(self, event: str, line: str, frame: int) -> None:
         log.info("%s", line, extra={"event": event, "session": self._session, "frame": frame})
+
+
+class DrawingTurn:
+    """One viewer's leave to draw with a session that others draw with as well; it may be taken more than once."""
+
+    def __init__(self, images: AskedImages, coordination: Coordination) -> None:
+        self._images = images
+        self._coordination = coordination
+        self._turn = Turn()
+
+    @property
+    def over(self) -> bool:
+        """Whether it was ended, by who has it."""
+        return self._turn.over
+
+    @contextmanager
+    def taken(self, urgency: Urgency) -> Iterator[None]:
+        """Entered once it has come. Raises FrameGivenUp if it was ended before, and what ended the session."""
+        self._coordination.check_may_wait()
+        self._coordination.frames.begin_turn(self._turn, urgency)
+        try:
+            yield
+        finally:
+            self._coordination.frames.leave_turn(self._turn)
+
+    def draw(
+        self, scene: Scene, step: Step, partial_interval: float, exact: bool = True, thinning: Thinning = ALL_VOXELS
+    ) -> Iterator[Refinement]:
+        """One step as Session.refine has it, over the bare buffer. Raises FrameGivenUp if the turn is lost or ended."""
+        return self._images.draw(checked_scene(scene), step, partial_interval, exact, thinning, [], self._turn)
+
+    def finish(self, scene: Scene, step: Step) -> Refinement:
+        """As Session.finish. Raises FrameGivenUp if the turn is lost or ended."""
+        return self._images.finish(checked_scene(scene), step, self._turn)
+
+    def end(self) -> None:
+        """Give it back, from any thread: what is drawn in it is aborted."""
+        self._coordination.frames.end_turn(self._turn)
+        if self._turn.frame is not None:
+            self._coordination.tell(AbortAsked(self._turn.frame))
 
 
 def _published(image: PublishImage) -> PublishedImage:

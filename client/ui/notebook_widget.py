@@ -99,13 +99,11 @@ class VolumeWidget(anywidget.AnyWidget):
         viewing = self._viewing
         if viewing is None:
             return None
-        loop = viewing.loop
-        if viewing.model.now.settled:  # else what settles it is heard only after this
-            with loop.between_pictures():
-                picture = loop.shown
-        else:
-            picture = loop.shown
-        if picture is None:
+        loop, now = viewing.loop, viewing.model.now
+        if now.settled:  # else what settles it is heard only after this
+            loop.wait_until_drawn()
+        picture = loop.shown
+        if picture is None or (now.settled and picture.state.scene != now.scene):
             return None
         pixels, scene = picture.published_in_full_size.pixels, picture.state.scene
         return image_bytes(pixels, scene, "png", viewing.volume.description)

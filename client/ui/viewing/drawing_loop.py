@@ -2,7 +2,8 @@
 
 While a person is at it (the scene is not settled) each picture is the best that holds the rate. Once it is
 settled, the image refines from there to the scene's finest step; step G waits until the hand has rested. A newer scene
-takes the place of whatever is being refined.
+takes the place of whatever is being refined. Others may draw with the session: who takes it away has the scene drawn
+again once it is free.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 
+from volsplat.client.session.asked_frames import FrameGivenUp
+from volsplat.client.session.asked_images import DrawingTurn
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
 from volsplat.client.session.session import Session
+from volsplat.client.session.turns import Urgency
 from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
@@ -27,7 +30,6 @@ from volsplat.protocol.text.errors import VolsplatError
 log = logging.getLogger(__name__)
 
 LONGEST_ABORT_SECONDS = 0.5  # that the end is held up by a frame that is aborted
-ABORT_SECONDS = 0.05  # after which a frame that goes on is aborted again
 REST_SECONDS = 0.3  # after the last change, before step G
 NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
 
@@ -55,9 +57,9 @@ class DrawingLoop:
         self._number = 0
         self._drawn_revision = 0
         self._drawing = False
-        self._refining = False
+        self._refining: DrawingTurn | None = None
+        self._lost_revision = 0  # that was being drawn when others took the session
         self._failure: VolsplatError | None = None
-        self._lent = False  # others draw with the session
         self._closed = False
         self._changed = threading.Condition()  # guards the six above, and tells of a newer scene
         self._unsubscribe = model.subscribe(self._on_change)
@@ -97,21 +99,10 @@ class DrawingLoop:
         """The newest whose step is finished."""
         return self._shown
 
-    @contextmanager
-    def between_pictures(self) -> Iterator[None]:
-        """Others may draw with the session within; entered once the scene is settled and drawn to the end.
-
-        As soon as there is something to draw again, what they draw is aborted, and this loop goes on once they leave.
-        """
+    def wait_until_drawn(self) -> None:
+        """Until the scene is settled and drawn to the end, or known not to be drawn."""
         with self._changed:
             self._changed.wait_for(self._nothing_to_do)
-            self._lent = True
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._lent = False
-                self._changed.notify_all()
 
     def draw_with(self, session: Session) -> None:
         """Draw the scene anew, by another session of the same volume."""
@@ -121,7 +112,7 @@ class DrawingLoop:
     def draw_again(self) -> None:
         """Draw the scene anew although it is the same, since what holds the volume has changed."""
         with self._changed:
-            self._drawn_revision = 0
+            self._drawn_revision = self._lost_revision = 0
             self._shown = None
             self._changed.notify_all()
             self._abort_refinement()
@@ -133,36 +124,46 @@ class DrawingLoop:
 
     def _abort_refinement(self) -> None:
         # A picture of a moving scene is finished, however many changes come meanwhile: else none would ever be.
-        if self._refining:
-            self.session.abort()
+        if self._refining is not None:
+            self._refining.end()
 
     def _run(self) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(self._something_to_do)
-                self._take_back()
                 if self._closed:
                     return
                 state = self._model.now
+                urgency = Urgency.OWED if state.revision == self._lost_revision else Urgency.CHANGED
                 self._drawn_revision = state.revision
                 self._drawing = True
                 self._failure = None
-                self._refining = state.settled
-            trouble = self._drawn(state)
+                turn = self.session.turn()
+                self._refining = turn if state.settled else None
+            trouble = self._drawn(state, turn, urgency)
             with self._changed:
-                self._drawing = self._refining = False
+                self._drawing, self._refining = False, None
+                if isinstance(trouble, FrameGivenUp):
+                    self._note_lost(state, turn)
+                    trouble = None
                 self._failure = trouble
                 self._changed.notify_all()
             if trouble is not None:
                 self._tell(trouble)
 
-    def _drawn(self, state: SceneState) -> VolsplatError | None:
-        """Draw this scene; returns why that cannot be."""
+    def _note_lost(self, state: SceneState, turn: DrawingTurn) -> None:
+        """The scene is to be drawn again if others took the session, and not a newer scene the place of this one."""
+        if not turn.over:
+            self._lost_revision = state.revision
+            self._drawn_revision = 0
+
+    def _drawn(self, state: SceneState, turn: DrawingTurn, urgency: Urgency) -> VolsplatError | None:
+        """Draw this scene; returns why that cannot be, or that others took the session."""
         try:
             if state.settled:
-                self._refine(state)
+                self._refine(state, turn, urgency)
             else:
-                self._draw_moving(state)
+                self._draw_moving(state, turn)
         except VolsplatError as error:
             return error
         except Exception as error:  # an error in our own code: the person must hear of it, and the page must live on
@@ -178,20 +179,15 @@ class DrawingLoop:
         now = self._model.now
         return self._closed or (not self._drawing and now.settled and now.revision == self._drawn_revision)
 
-    def _take_back(self) -> None:
-        """Have the session to ourselves."""
-        while self._lent and not self._closed:
-            self.session.abort()
-            self._changed.wait(ABORT_SECONDS)  # it misses what is asked for only then
-
-    def _draw_moving(self, state: SceneState) -> None:
+    def _draw_moving(self, state: SceneState, turn: DrawingTurn) -> None:
         """One picture, perhaps smaller than the scene's: the page shows it as large; none if the last one stands."""
         if self._still_last(state):
             return
         rung = self.pacing.while_moving(state.scene)
         scene, step = scaled(state.scene, rung.share), rung.step
-        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, step, exact=(), thinning=rung.left_out):
-            self._publish(state, refinement, rung)
+        with turn.taken(Urgency.MOVING):
+            for refinement in turn.draw(scene, step, NO_PARTIAL_IMAGES, exact=False, thinning=rung.left_out):
+                self._publish(state, refinement, rung)
 
     def _still_last(self, state: SceneState) -> bool:
         """Whether what is shown is the last picture of this scene, too. Events of pointers are told with a new one."""
@@ -203,7 +199,7 @@ class DrawingLoop:
             and drawn_alike(shown.state.scene, state.scene)
         )
 
-    def _refine(self, state: SceneState) -> None:
+    def _refine(self, state: SceneState, turn: DrawingTurn, urgency: Urgency) -> None:
         shown, finest = self._shown, finest_step(state.scene)
         first: Step | None = Step.A
         if shown is not None and drawn_alike(shown.state.scene, state.scene):
@@ -216,26 +212,28 @@ class DrawingLoop:
             return
         rests_at = time.monotonic() + REST_SECONDS
         if first in PAPER_STEPS:
-            self._refine_from(first, min(finest, PAPER_STEPS[-1]), state)
+            with turn.taken(urgency):
+                self._refine_from(first, min(finest, PAPER_STEPS[-1]), state, turn)
         if finest not in PAPER_STEPS and self._rests_until(rests_at):
-            self._refine_from(finest, finest, state)
+            with turn.taken(Urgency.AT_REST if first in PAPER_STEPS else urgency):
+                self._refine_from(finest, finest, state, turn)
 
     def _rests_until(self, moment: float) -> bool:
         """Whether nothing has changed by then."""
         with self._changed:
             return not self._changed.wait_for(self._something_to_do, max(moment - time.monotonic(), 0.0))
 
-    def _refine_from(self, first: Step, last: Step, state: SceneState) -> None:
+    def _refine_from(self, first: Step, last: Step, state: SceneState, turn: DrawingTurn) -> None:
         """Draw these steps; of those with the same picture only the last."""
         for step in distinct_steps(state.scene):
-            if first <= step <= last and not self._draw_step(step, state):
+            if first <= step <= last and not self._draw_step(step, state, turn):
                 return
 
-    def _draw_step(self, step: Step, state: SceneState) -> bool:
-        """Returns whether it is finished, and still the scene's: it ends early if something else is asked for."""
+    def _draw_step(self, step: Step, state: SceneState, turn: DrawingTurn) -> bool:
+        """Returns whether it is finished, and still the scene's. Raises FrameGivenUp if the turn was lost."""
         finished = False
-        shown, exact = self._shown, (finest_step(state.scene),)
-        for refinement in self.session.refine(state.scene, step, PARTIAL_INTERVAL, step, exact):
+        shown, exact = self._shown, step == finest_step(state.scene)
+        for refinement in turn.draw(state.scene, step, PARTIAL_INTERVAL, exact):
             if self._model.now.revision != state.revision:
                 return False
             # What a drag or coarser steps have left on the screen stays there until the step after it is finished.

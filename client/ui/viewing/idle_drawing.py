@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.session import Session
+from volsplat.client.session.turns import Urgency
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
@@ -23,5 +24,7 @@ class IdleDrawing:
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """The finished image of one step. Raises FrameGivenUp if it made way, else as `Session.finish` does."""
-        with self._loop.between_pictures():
-            return self._session.finish(scene, step)
+        self._loop.wait_until_drawn()
+        turn = self._session.turn()
+        with turn.taken(Urgency.AT_REST):
+            return turn.finish(scene, step)

@@ -44,8 +44,7 @@ def test_another_one_is_awaited_in_words(head: Path, scene: Scene, program: str)
     with opened(head, workers=1, splat_servers=1) as servers:
         viewing = opened_viewing(servers.session, scene)
         viewing.loop.start()
-        with viewing.loop.between_pictures():  # it is drawn
-            pass
+        viewing.loop.wait_until_drawn()
         told = asyncio.run(told_of_a_loss(viewing, servers, program))
         viewing.loop.close()
     assert told[0].lasting and "server that joins within 60 s takes over" in told[0].text
