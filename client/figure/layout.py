@@ -9,6 +9,7 @@ from volsplat.client.figure.colour_bars import INSET, NONE, ColourBars, colour_b
 from volsplat.client.figure.drawing import Anchor, Drawing, Shape, Words
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.pointing_labels import pointing_labels
+from volsplat.client.figure.room import Room
 from volsplat.client.figure.scale_bars import scale_bars
 from volsplat.client.figure.side_marks import side_marks
 from volsplat.client.figure.type_faces import size_within
@@ -62,15 +63,17 @@ def laid_out(
     ink, paper = figure.ink_on(scene.image.background)
     em, above = figure.em, _above(figure)
     corner = (0, above)
+    room = Room(*corner, scene.image.width, scene.image.height)
     shapes: list[Shape] = []
     if figure.title:
         shapes.append(_title(figure, scene.image.width, ink))
-    if figure.labels:
-        shapes += pointing_labels(figure.labels, scene, description.geometry, corner, em, ink, paper)
     if figure.scale_bar:
         shapes += scale_bars(scene, description, corner, em, ink, paper)
+        room.take(shapes)
     if figure.sides:
-        shapes += side_marks(scene, description, corner, em, ink, paper)
+        shapes += side_marks(scene, description, room, corner, em, ink, paper)
+    if figure.labels:
+        shapes += pointing_labels(figure.labels, scene, description.geometry, room, corner, em, ink, paper)
     bars = _bars(figure, scene, volume)
     shapes += bars.shapes(above + scene.image.height, scene.image.width, em, ink)
     width, whole = figure_extent(figure, scene, volume)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
+from volsplat.client.figure.room import Room
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Colour, Image, Scene
 from volsplat.protocol.description.volume import Geometry
@@ -64,23 +65,36 @@ def pointing_labels(
     labels: Sequence[tuple[str, Vector]],
     scene: Scene,
     geometry: Geometry,
+    room: Room,
     corner: tuple[int, int],
     em: int,
     ink: Colour,
     paper: Colour,
 ) -> list[Shape]:
-    """Towards the picture's middle; those of voxels outside the picture are left out."""
+    """Where there is room, which they take; those of voxels outside the picture are left out."""
     shapes: list[Shape] = []
-    image = scene.image
     for text, point in labels:
         x, y = place_of(point, scene, geometry)
-        if not _is_inside(x, y, image):
+        if not _is_inside(x, y, scene.image):
             continue
-        way = 1 if x < image.width / 2 else -1  # so that the words have room
-        upwards = REACH * em * (-1 if y > REACH * em * 2 else 1)
-        x, y = x + corner[0], y + corner[1]
-        end, level = x + way * REACH * em, y + upwards
-        shapes.append(Line(x, y, end, level, max(THICKNESS * em, 1.0), ink, paper))
-        anchor = Anchor.START if way > 0 else Anchor.END
-        shapes.append(Words(end + 0.25 * em * way, level + 0.36 * em, text, em, ink, paper, anchor))
+        places = []
+        for aside, down in _ways(x, y, scene.image, em):
+            start, way = (x + corner[0], y + corner[1]), 1 if aside > 0 else -1
+            end = (start[0] + aside, start[1] + down)
+            words = end[0] + 0.25 * em * way, end[1] + 0.36 * em
+            anchor = Anchor.START if way > 0 else Anchor.END
+            line = Line(*start, *end, max(THICKNESS * em, 1.0), ink, paper)
+            places.append((line, Words(*words, text, em, ink, paper, anchor)))
+        best = room.best(places)
+        room.take(best)
+        shapes += best
     return shapes
+
+
+def _ways(x: float, y: float, image: Image, em: int) -> list[tuple[float, float]]:
+    """From a voxel to words aslant of it, the nearest first; of these upwards, towards the picture's middle."""
+    reach = REACH * em
+    aside, down = 1 if x < image.width / 2 else -1, -1 if y > 2 * reach else 1
+    farthest = max(round(min(image.width, image.height) / reach), 1)
+    diagonals = [(aside, down), (aside, -down), (-aside, down), (-aside, -down)]
+    return [(n * reach * right, n * reach * below) for n in range(1, farthest + 1) for right, below in diagonals]

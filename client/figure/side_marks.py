@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from volsplat.client.figure.drawing import Anchor, Shape, Words
+from volsplat.client.figure.room import Room
 from volsplat.client.scene.view_sides import STANDPOINTS, sides
-from volsplat.protocol.description.scene import Colour, Scene, View
+from volsplat.protocol.description.scene import Colour, Image, Scene, View
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry import matrices
 
 LEAST_PART = 0.35  # of a direction, for a side to be named: about 70 degrees away
 MARGIN = 0.7  # ems from the edge
+STEP = 0.5  # ems from one place that is tried to the next
 
 # Towards the edges, in screen axes: x to the right, y up.
 EDGES = {"left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "top": (0.0, 1.0, 0.0), "bottom": (0.0, -1.0, 0.0)}
@@ -30,20 +34,48 @@ def edge_marks(view: View, description: VolumeDescription) -> dict[str, str]:
 
 
 def side_marks(
-    scene: Scene, description: VolumeDescription, corner: tuple[int, int], em: int, ink: Colour, paper: Colour
+    scene: Scene,
+    description: VolumeDescription,
+    room: Room,
+    corner: tuple[int, int],
+    em: int,
+    ink: Colour,
+    paper: Colour,
 ) -> list[Shape]:
-    """At the middles of the picture's edges; of a scene whose view is settled."""
-    (x, y), image, margin = corner, scene.image, MARGIN * em
-    rise = 0.36 * em  # half a capital letter
-    places = {
-        "left": (x + margin, y + image.height / 2 + rise, Anchor.START),
-        "right": (x + image.width - margin, y + image.height / 2 + rise, Anchor.END),
-        "top": (x + image.width / 2, y + margin + 2 * rise, Anchor.MIDDLE),
-        "bottom": (x + image.width / 2, y + image.height - margin, Anchor.MIDDLE),
-    }
+    """At the picture's edges, as near their middles as there is room, which they take; a mark without any is left out.
+
+    The scene's view is settled.
+    """
     marks = edge_marks(scene.view, description)
-    return [
-        Words(left, base, marks[edge], em, ink, paper, anchor, bold=True)
-        for edge, (left, base, anchor) in places.items()
-        if marks[edge]
-    ]
+    shapes: list[Shape] = []
+    for edge, mark in marks.items():
+        if not mark:
+            continue
+        places = [
+            (Words(left, base, mark, em, ink, paper, anchor, bold=True),)
+            for left, base, anchor in _places(edge, scene.image, corner, em)
+        ]
+        best = room.best(places)
+        if not room.trouble(best).covered:
+            room.take(best)
+            shapes += best
+    return shapes
+
+
+def _places(edge: str, image: Image, corner: tuple[int, int], em: int) -> Iterator[tuple[float, float, Anchor]]:
+    """Along an edge, from its middle to its ends."""
+    (x, y), margin = corner, MARGIN * em
+    rise = 0.36 * em  # half a capital letter
+    along = image.height if edge in ("left", "right") else image.width
+    for step in range(round(along / (2 * STEP * em)) + 1):
+        for aside in {step * STEP * em: None, -step * STEP * em: None}:
+            middle, level = x + image.width / 2 + aside, y + image.height / 2 + rise + aside
+            match edge:
+                case "left":
+                    yield x + margin, level, Anchor.START
+                case "right":
+                    yield x + image.width - margin, level, Anchor.END
+                case "top":
+                    yield middle, y + margin + 2 * rise, Anchor.MIDDLE
+                case _:
+                    yield middle, y + image.height - margin, Anchor.MIDDLE

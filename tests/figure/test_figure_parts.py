@@ -17,12 +17,13 @@ from support.scenes.arbitrary import geometries, plain_scene, quaternions, zooms
 from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
-from volsplat.client.figure.drawing import Area, Ramp, Words
+from volsplat.client.figure.drawing import Anchor, Area, Ramp, Words
 from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.figure.layout import figure_extent, laid_out, sized
 from volsplat.client.figure.pointing_labels import place_of, why_never_labelled, why_unlabelled
 from volsplat.client.figure.scale_bars import bar_length
 from volsplat.client.figure.side_marks import edge_marks
+from volsplat.client.figure.type_faces import width_of
 from volsplat.client.movie.key_frames import turntable
 from volsplat.client.volume.scales import scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -302,3 +303,50 @@ def test_a_label_is_in_an_image_of_a_movie_or_told_to_be_in_none(points: list[Ve
     told = why_never_labelled(labels, turned, surveyed())
     assert all((text in told) == all(text in why for why in lacking) for text, _ in labels)
     assert bool(told) == any(text in told for text, _ in labels)
+
+
+@given(
+    size=st.tuples(*[st.integers(300, 1600)] * 2),
+    labels=st.lists(
+        st.tuples(st.sampled_from(["eye", "left orbit", "a suture of the skull"]), st.tuples(*[st.floats(0, 99)] * 3)),
+        max_size=4,
+    ),
+    rotation=quaternions,
+    cube=st.booleans(),
+)
+def test_no_words_over_a_picture_lie_over_others(
+    size: tuple[int, int], labels: list[tuple[str, Vector]], rotation: tuple[float, float, float, float], cube: bool
+) -> None:
+    width, height = size
+    view = View(rotation=rotation, zoom=min(size) / 100, up="+z")
+    axes = tuple(GridAxis(name, unit, 0.0, 1.0) for name, unit in (("RA", "arcmin"), ("Dec", "arcmin"), ("v", "km/s")))
+    volume = surveyed(replace(HEAD, axes=axes, unit="arcmin", anatomical=False) if cube else HEAD)
+    figure = Figure(labels=tuple(labels), dpi=min(size) * 0.25, colour_bar=False)
+    shapes = laid_out(
+        np.zeros((height, width, 4), np.float32), figure, plain_scene(view=view, size=size), volume
+    ).shapes
+    boxes = [_inked(shape) for shape in shapes if isinstance(shape, Words)]
+    for n, (left, top, right, bottom) in enumerate(boxes):
+        assert left >= 0 and top >= 0 and right <= width and bottom <= height
+        for other_left, other_top, other_right, other_bottom in boxes[:n]:
+            assert right <= other_left or other_right <= left or bottom <= other_top or other_bottom <= top
+
+
+def _inked(words: Words) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of what words cover."""
+    wide = width_of(words.text, words.size, words.bold)
+    left = words.x - {Anchor.START: 0.0, Anchor.MIDDLE: wide / 2, Anchor.END: wide}[words.anchor]
+    return left, words.y - 0.8 * words.size, left + wide, words.y + 0.25 * words.size
+
+
+def test_a_side_is_told_beside_the_scale_bars_and_not_over_them() -> None:
+    """The words of a bar reach beyond the middle of a small picture."""
+    axes = tuple(GridAxis(name, "km/s", 0.0, 1.0) for name in ("a velocity with a long name", "y", "z"))
+    volume = surveyed(replace(HEAD, axes=axes, anatomical=False))
+    shapes = laid_out(
+        np.zeros((400, 400, 4), np.float32), Figure(dpi=150), plain_scene(size=(400, 400), view=View(zoom=3)), volume
+    ).shapes
+    words = {shape.text: _inked(shape) for shape in shapes if isinstance(shape, Words)}
+    (bar,) = (box for text, box in words.items() if "long name" in text and "km/s" in text)
+    bottom = max((box for text, box in words.items() if text[-1] in "+–−-" and box[3] <= 400), key=lambda box: box[3])
+    assert bar[2] > 200 and bottom[0] >= bar[2]
