@@ -6,9 +6,7 @@ compressed ones by the blocks, that a box needs. The others are taken from the X
 
 import binascii
 import itertools
-import lzma
 import warnings
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,33 +15,24 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import inflated, unpacked_lzma
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, boxes_of, voxel_room
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.text.errors import BadInput
 
-LZMA_MEMORY = 1 << 28
-
-
-def _zlib_block(packed: bytes, size: int) -> bytes:
-    return zlib.decompressobj().decompress(packed, size + 1)
-
-
-def _lzma_block(packed: bytes, size: int) -> bytes:
-    return lzma.LZMADecompressor(memlimit=LZMA_MEMORY).decompress(packed, size + 1)
-
 
 class Compressor(NamedTuple):
-    """`unpack` makes of a block the bytes that it should become, and no more than one beyond them."""
+    """`unpack` makes of a block no more bytes than it should become, or raises ValueError."""
 
     unpack: Callable[[bytes, int], bytes]
     most_growth: int  # of one byte
 
 
 COMPRESSORS = {
-    "vtkZLibDataCompressor": Compressor(_zlib_block, 1032),
-    "vtkLZMADataCompressor": Compressor(_lzma_block, 1 << 14),
+    "vtkZLibDataCompressor": Compressor(inflated, 1032),
+    "vtkLZMADataCompressor": Compressor(unpacked_lzma, 1 << 14),
 }
 
 
@@ -154,7 +143,7 @@ class BlockVoxels:
             low, high = self._bounds[n : n + 2]
             try:
                 block = self._unpack(self._packed[low:high] if self._base64 else self._read(low, high), self._sizes[n])
-            except (zlib.error, lzma.LZMAError, EOFError):
+            except ValueError:
                 block = b""
             if len(block) != self._sizes[n]:
                 raise self._array.damaged(f"block {n + 1} of its compressed voxels cannot be unpacked")
