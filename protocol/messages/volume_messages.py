@@ -164,8 +164,8 @@ class LendVolume(Message, frozen=True):
     identity: VolumeIdentity
 
 
-class PartRead(Message, frozen=True):
-    """Map/shade server to client: payload the part's values shaped (k, j, i), i fastest."""
+class _WithPart(Message, frozen=True):
+    """Base of those that bring a part's values."""
 
     largest_payload: ClassVar[int] = LARGEST_PART
 
@@ -174,6 +174,10 @@ class PartRead(Message, frozen=True):
 
     def payload_bytes(self) -> int:
         return self.part.payload_bytes
+
+
+class PartRead(_WithPart, frozen=True):
+    """Map/shade server to client: payload the part's values shaped (k, j, i), i fastest."""
 
 
 @asks(CLIENT_TO_MAPSHADE, PartRead, at_once=MAX_SERVERS)
@@ -203,16 +207,8 @@ class PartHeld(Message, frozen=True):
 
 
 @asks(CLIENT_TO_MAPSHADE, PartHeld, at_once=4)  # each brings its values along
-class HoldPart(Message, frozen=True):
+class HoldPart(_WithPart, frozen=True):
     """Client to map/shade server: keep these values; the payload is that of PartRead."""
-
-    largest_payload: ClassVar[int] = LARGEST_PART
-
-    assignment: AssignmentId
-    part: VolumePart
-
-    def payload_bytes(self) -> int:
-        return self.part.payload_bytes
 
 
 # Its packets.

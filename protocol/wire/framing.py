@@ -8,7 +8,7 @@ Header, little endian:
 """
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -91,18 +91,6 @@ class Decoder:
         except RemoteProtocolError as error:
             self._broken = str(error)
             raise
-
-    def feed(self, data: "Buffer") -> Iterator[Received]:
-        """The messages that `data` completes: for bytes that are in memory already, payloads are copied."""
-        rest = memoryview(data).cast("B")
-        while rest:
-            wanted = self.wanted()
-            count = min(len(wanted), len(rest))
-            wanted[:count] = rest[:count]
-            rest = rest[count:]
-            received = self.advance(count)
-            if received is not None:
-                yield received
 
     def _check_sound(self) -> None:
         if self._broken is not None:

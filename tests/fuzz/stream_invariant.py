@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from support.messages.decoded import decoded
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.speech import Speech
@@ -38,7 +39,7 @@ def outcome(data: bytes, way: Way | None, chunk: int) -> tuple[list[tuple[Messag
     decoder = Decoder(Speech(way), allocate)
     try:
         for start in range(0, len(data), chunk):
-            for received in decoder.feed(data[start : start + chunk]):
+            for received in decoded(decoder, data[start : start + chunk]):
                 heard.append((received.message, bytes(received.payload)))
             assert len(decoder.wanted()) <= max(HEADER.size, LARGEST_CONTROL, MOST_ALLOCATED)
     except RemoteProtocolError as error:

@@ -23,6 +23,7 @@ from support.messages.coordinated import (
     opened_store,
     surveyed,
 )
+from support.messages.decoded import decoded
 from support.messages.message_samples import PART, SAMPLES
 from support.patience import wait_until
 from volsplat.client import Session
@@ -173,11 +174,11 @@ def test_an_image_of_another_size_than_was_asked_for_is_given_no_memory() -> Non
         head = HEADER.pack(MAGIC, len(control), side * side * 16) + control
         decoder = Decoder(Speech(SPLAT_TO_CLIENT, exchanges=exchanges), allocate)
         if side == 64:
-            assert list(decoder.feed(head)) == []
+            assert list(decoded(decoder, head)) == []
         else:
             told = rf"^ImageRead \(frame=2\) reaches to {side} x {side} pixels, but 64 x 64 were asked for$"
             with pytest.raises(RemoteProtocolError, match=told):
-                list(decoder.feed(head))
+                list(decoded(decoder, head))
     assert allocated == [64 * 64 * 16]
 
 

@@ -7,6 +7,7 @@ from fuzz.stream_invariant import MOST_ALLOCATED, WAYS, check_handshakes, check_
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.messages.decoded import decoded
 from support.messages.message_samples import SAMPLES, STRATEGIES, framed, lawful_kinds, sample_bytes, speech_for
 from support.thoroughness import examples
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
@@ -47,7 +48,7 @@ def refusal(data: bytes, speech: Speech) -> str:
         raise AssertionError(f"{nbytes} bytes were allocated")
 
     with pytest.raises(RemoteProtocolError) as caught:
-        list(Decoder(speech, allocate).feed(data))
+        list(decoded(Decoder(speech, allocate), data))
     return str(caught.value)
 
 
@@ -65,9 +66,9 @@ def test_a_message_cut_anywhere_asks_for_more(kind: type[Message]) -> None:
     near_the_ends = {*range(1, min(EACH_BYTE, len(data))), *range(max(1, len(data) - EACH_BYTE), len(data))}
     for cut in sorted(near_the_ends | {*range(1, len(data), 4099)}):
         decoder = Decoder(speech_for(kind))
-        assert list(decoder.feed(data[:cut])) == []
+        assert list(decoded(decoder, data[:cut])) == []
         assert not decoder.between_messages
-        assert len(list(decoder.feed(data[cut:]))) == 1
+        assert len(list(decoded(decoder, data[cut:]))) == 1
         assert decoder.between_messages
 
 
@@ -86,7 +87,7 @@ def test_a_wrong_control_length_is_refused(kind: type[Message]) -> None:
     control = encode_control(message)
     for wrong in (len(control) - 1, len(control) + 1):
         with pytest.raises(RemoteProtocolError):
-            list(Decoder(speech_for(kind)).feed(framed(control, payload + b"\0", control_bytes=wrong)))
+            list(decoded(Decoder(speech_for(kind)), framed(control, payload + b"\0", control_bytes=wrong)))
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -139,7 +140,7 @@ def test_a_coded_batch_is_refused_if_uncoded_it_would_be_beyond_the_limit() -> N
 def test_a_batch_of_another_worker_is_refused() -> None:
     control = encode_control(messages.Batch(1, 2, 0, 0, 0, [messages.BatchPart(0, 0)], 0, 0, True))
     assert "worker is 2" in refusal(framed(control), Speech(DATA_LINK_TO_SPLAT, server=3))
-    assert len(list(Decoder(Speech(DATA_LINK_TO_SPLAT, server=2)).feed(framed(control)))) == 1
+    assert len(list(decoded(Decoder(Speech(DATA_LINK_TO_SPLAT, server=2)), framed(control)))) == 1
 
 
 def test_deep_nesting_is_refused() -> None:
@@ -156,7 +157,7 @@ def test_lists_that_promise_more_than_they_hold_are_refused() -> None:
 def test_a_broken_stream_stays_broken() -> None:
     decoder = Decoder()
     with pytest.raises(RemoteProtocolError, match="magic"):
-        list(decoder.feed(bytes(16)))
+        list(decoded(decoder, bytes(16)))
     for again in (decoder.wanted, lambda: decoder.advance(1)):
         with pytest.raises(RemoteProtocolError, match="magic"):
             again()
@@ -166,7 +167,7 @@ def test_a_payload_goes_straight_to_the_memory_that_was_given() -> None:
     data = sample_bytes(messages.Batch)
     memory = bytearray(1000)
     decoder = Decoder(Speech(DATA_LINK_TO_SPLAT), lambda message, nbytes: memory)
-    (received,) = decoder.feed(data)
+    (received,) = decoded(decoder, data)
     assert received.payload.obj is memory
     assert received.payload == SAMPLES[messages.Batch][1] == memory[: len(received.payload)]
 
@@ -187,7 +188,7 @@ def test_memory_that_cannot_take_the_payload_is_our_mistake() -> None:
     for bad in (memoryview(bytearray(3)), memoryview(bytes(1000))):
         decoder = Decoder(Speech(DATA_LINK_TO_SPLAT), partial(_given, bad))
         with pytest.raises(LocalProtocolError, match="writable"):
-            list(decoder.feed(sample_bytes(messages.Batch)))
+            list(decoded(decoder, sample_bytes(messages.Batch)))
 
 
 def test_advancing_by_what_was_not_wanted_is_our_mistake() -> None:

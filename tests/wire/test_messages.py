@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from support.messages import protocol_schema
+from support.messages.decoded import decoded
 from support.messages.message_samples import RECORDED, SAMPLES, SCHEMA, STRATEGIES, framed, speech_for
 from support.messages.protocol_schema import schema_hash
 from volsplat.protocol.messages import greetings, messages
@@ -46,7 +47,7 @@ def _said_together(ways: tuple[Way, ...]) -> str:
 @kinds
 def test_recorded_bytes_of_this_version_decode_for_ever(kind: type[Message]) -> None:
     path = RECORDED / f"{kind.__name__}.bin"
-    (received,) = Decoder(speech_for(kind)).feed(path.read_bytes())
+    (received,) = decoded(Decoder(speech_for(kind)), path.read_bytes())
     assert (received.message, bytes(received.payload)) == SAMPLES[kind]
 
 
@@ -78,7 +79,7 @@ def test_an_unknown_field_is_refused_by_name(kind: type[Message]) -> None:
     fields = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
     control = msgspec.msgpack.encode({**fields, "surprise": 1})
     with pytest.raises(RemoteProtocolError, match="unknown field `surprise`"):
-        list(Decoder(speech_for(kind)).feed(framed(control)))
+        list(decoded(Decoder(speech_for(kind)), framed(control)))
 
 
 @kinds
@@ -88,7 +89,7 @@ def test_an_unknown_field_within_a_field_is_refused_by_place(kind: type[Message]
         if isinstance(value, dict) and all(isinstance(key, str) for key in value):  # others are keyed by ids
             control = msgspec.msgpack.encode({**fields, name: {**value, "surprise": 1}})
             with pytest.raises(RemoteProtocolError, match=rf"unknown field `surprise` - at `\$\.{name}`"):
-                list(Decoder(speech_for(kind)).feed(framed(control)))
+                list(decoded(Decoder(speech_for(kind)), framed(control)))
 
 
 @kinds
@@ -98,7 +99,7 @@ def test_a_missing_field_is_refused_by_name(kind: type[Message]) -> None:
     for name in needed:
         control = msgspec.msgpack.encode({key: value for key, value in fields.items() if key != name})
         with pytest.raises(RemoteProtocolError, match=f"missing required field `{name}`"):
-            list(Decoder(speech_for(kind)).feed(framed(control)))
+            list(decoded(Decoder(speech_for(kind)), framed(control)))
 
 
 @kinds
@@ -107,7 +108,7 @@ def test_a_field_of_another_type_is_refused_by_name(kind: type[Message]) -> None
     for field in msgspec.structs.fields(kind):
         control = msgspec.msgpack.encode({**fields, field.name: msgspec.msgpack.Ext(1, b"of no field")})
         with pytest.raises(RemoteProtocolError, match=rf"\$\.{field.name}"):
-            list(Decoder(speech_for(kind)).feed(framed(control)))
+            list(decoded(Decoder(speech_for(kind)), framed(control)))
 
 
 @pytest.mark.parametrize(
@@ -148,12 +149,12 @@ def test_a_batch_has_a_run_for_each_packet_and_a_packet_in_each_run(shape: tuple
     fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.Batch][0]))
     control = msgspec.msgpack.encode({**fields, "parts": [{"run_count": shape[0], "packet_count": shape[1]}]})
     with pytest.raises(RemoteProtocolError, match="each packet is in a run"):
-        list(Decoder(speech_for(messages.Batch)).feed(framed(control)))
+        list(decoded(Decoder(speech_for(messages.Batch)), framed(control)))
 
 
 def test_an_empty_batch_may_say_that_a_worker_is_done() -> None:
     control = encode_control(messages.Batch(1, 2, 0, 0, 0, [messages.BatchPart(0, 0)], 3, 4, True))
-    (received,) = Decoder(speech_for(messages.Batch)).feed(framed(control))
+    (received,) = decoded(Decoder(speech_for(messages.Batch)), framed(control))
     assert received.payload.nbytes == 0
 
 
