@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import pytest
 import traitlets
-from PIL import Image
+from PIL import Image, ImageColor
 
 from volsplat.client import Session
 from volsplat.client.memory.array_volume import Volume
@@ -152,6 +152,23 @@ def test_a_saved_notebook_has_a_still_picture_of_the_scene(tmp_path: Path) -> No
             assert still.size == (40, 30) and still.getpixel((0, 0)) == pixel
             assert len(set(still.get_flattened_data())) > 10
             assert "application/vnd.jupyter.widget-view+json" in bundle
+
+    in_notebook(tmp_path, use)
+
+
+def test_no_still_picture_is_of_another_scene(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        other = VolumeWidget(notebook.widget._viewing.session)  # type: ignore[union-attr]
+        widgets = {widget: colour for widget, colour in ((notebook.widget, "#ff0000"), (other, "#00ff00"))}
+        for widget, colour in widgets.items():
+            widget.scene = widget.scene.with_(background=colour, size=(40, 30))
+        for widget, colour in widgets.items():
+            still = widget._still()
+            assert still is not None
+            assert Image.open(BytesIO(still)).getpixel((0, 0)) == ImageColor.getrgb(colour)
+        other.scene = other.scene.with_(bounds=((5, 5, 5), (99, 99, 99)))
+        assert other._still() is None
+        other.close()
 
     in_notebook(tmp_path, use)
 
