@@ -22,6 +22,7 @@ from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.addresses import plain_host
 from volsplat.protocol.wire.channel import Channel, PlainChannel, unsent
+from volsplat.protocol.wire.delivery import Delivery, delivery
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
@@ -109,6 +110,13 @@ class Connection:
         with suppress(OSError):  # it is closed
             return round_trip(self._socket)
         return 0.0
+
+    @property
+    def delivery(self) -> Delivery:
+        """How what was sent fares."""
+        with suppress(OSError):  # it is closed
+            return delivery(self._socket)
+        return Delivery(False, 0)
 
     def __str__(self) -> str:
         return str(self._peer) if self._peer is not None else self._place
@@ -273,6 +281,10 @@ class Connection:
         """Close it since the peer is lost: `loss` says so, and is what receive() and send() raise."""
         self._closed_for(loss)
 
+    def give_up_sending(self) -> None:
+        """Likewise, since the network swallows what is sent, though the peer is heard."""
+        self._closed_for(self._untaken)
+
     def close(self) -> None:
         """Close both directions and wake whoever is blocked in send() or receive(). May be called again."""
         with self._gate:
@@ -377,8 +389,12 @@ class Connection:
         if isinstance(error, TimeoutError) and self._deadline is not None:
             return self._closed_for(f"{self} did not finish the handshake in time")
         if error.errno == errno.ETIMEDOUT:
-            return self._closed_for(f"{self} is gone: what is sent to it does not arrive, or is not taken; {PATH_CURE}")
+            return self._closed_for(self._untaken)
         return self._closed_for(f"{self} is gone: {error.strerror or error}{self._who_tells}")
+
+    @property
+    def _untaken(self) -> str:
+        return f"{self} is gone: what is sent to it does not arrive, or is not taken; {PATH_CURE}"
 
     @property
     def _who_tells(self) -> str:

@@ -5,6 +5,9 @@ never waits in a send. Where a library may hold the interpreter, signs are left 
 signs_of_life), so that only a process that is stopped is silent. A peer has said something if any byte has come, even
 one that is still to be read: what is late on this side is not held against the peer. Only time that this thread was
 awake counts, by small steps: whoever was stopped, or slept, or had no core, blames nobody for it.
+
+A peer may be heard, and yet nothing of full size get through to it (MTU): so it is given up as well where the system
+sends the same again and again. One that only does not read takes nothing either, but loses nothing.
 """
 
 import threading
@@ -20,8 +23,7 @@ from volsplat.protocol.wire.signs_of_life import GiveSigns, LeaveSigns, SignsOfL
 
 SILENCE_SECONDS = 2.0  # after which a peer counts as lost
 HELD = 15.0  # times as long a library may hold an interpreter: that of a server at work, and any client's
-# Times as long an end that always reads may leave what is sent to it: after that the network swallows it.
-UNTAKEN = 5.0
+UNTAKEN = 5.0  # times as long the network may swallow what is sent, and an end that always reads may leave it
 SIGNS_IN_SILENCE = 4  # in the time after which a peer would give this end up
 SIGNS_LEFT = int(HELD * SIGNS_IN_SILENCE)
 LONGEST_STEP = LEAST_SILENCE / 2  # so that who has the least patience hears of it in time
@@ -41,6 +43,8 @@ class _Pulse:
     said: int = -1  # other than any count: it is told of life at once
     silent: float = 0.0  # part of the patience that is used up
     quiet: float = 0.0  # seconds since this side has said anything
+    taken: int = 0  # bytes of what was said
+    swallowed: float = 0.0  # seconds in which the same was sent again, and no more was taken
 
     def __post_init__(self) -> None:
         self.heard = self.connection.came
@@ -49,8 +53,10 @@ class _Pulse:
         """So much time has passed."""
         if self.connection.signs_left <= SIGNS_LEFT // 2:  # what is said makes more ready
             self._speak(seconds, own_silence)
-        if self.patience is not None:
-            self._listen(seconds, self.patience())
+        patience = self.patience() if self.patience is not None else None
+        if patience is not None:
+            self._listen(seconds, patience)
+        self._follow_delivery(seconds, max(UNTAKEN * own_silence, patience or 0.0))
 
     def _speak(self, seconds: float, own_silence: float) -> None:
         new, self.said = self.said < 0, max(self.said, 0)
@@ -69,6 +75,13 @@ class _Pulse:
             self.connection.give_up(
                 f"{self.connection} has said nothing for {patience:g} s: it is frozen, overloaded or cut off"
             )
+
+    def _follow_delivery(self, seconds: float, limit: float) -> None:
+        sends_again, taken = self.connection.delivery
+        self.swallowed = self.swallowed + seconds if sends_again and taken == self.taken else 0.0
+        self.taken = taken
+        if self.swallowed >= limit:
+            self.connection.give_up_sending()
 
 
 def step(silence: float) -> float:

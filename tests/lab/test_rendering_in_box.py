@@ -118,3 +118,22 @@ def test_the_doctor_names_a_link_that_carries_small_packets_alone(whole: Box, tm
     wrong = [line for line in found if line.startswith("WRONG worker-1")]
     assert any("speed: small messages get through, and large ones do not" in line for line in wrong), found
     assert all("MTU" in line for line in wrong if "speed" in line)
+
+
+@pytest.mark.skipif(bool(WHY_UNHARMED), reason=WHY_UNHARMED)
+def test_a_link_between_two_servers_that_carries_small_packets_alone_holds_no_frame_up(
+    whole: Box, volume: Path, tmp_path: Path
+) -> None:
+    """Both are well, and the client reaches both."""
+    path = cluster_file(whole, tmp_path)
+    path.write_text(f"silence = 1\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
+    runs(whole, tmp_path, "deploy", "up", path.name)
+    network = HostNetwork(whole.hosts["worker-1"], psutil.Process(whole.servers("worker-1")[0]), GIGABIT)
+    try:
+        network.swallow_large(whole.hosts["splat"])
+        runs(whole, tmp_path, "render", str(volume), "--cluster", path.name, *PICTURE, "--output", "harmed.exr")
+    finally:
+        network.heal()
+        runs(whole, tmp_path, "deploy", "down", path.name)
+    runs(whole, tmp_path, "render", str(volume), "--single", *PICTURE, "--output", "alone.exr")
+    assert read_image(tmp_path / "harmed.exr").equal(read_image(tmp_path / "alone.exr"))

@@ -50,9 +50,13 @@ class HostNetwork:
         """So much of the packets, in each direction."""
         self._filter(dict.fromkeys(CHAINS, [f"numgen random mod 1000 < {round(1000 * part)} drop"]))
 
-    def swallow_large(self) -> None:
-        """Packets of full size are lost without a word, but for those of ssh."""
-        self._filter(dict.fromkeys(CHAINS, ["tcp dport 22 accept", "tcp sport 22 accept", "meta length > 1280 drop"]))
+    def swallow_large(self, peer: Host | None = None) -> None:
+        """Packets of full size are lost without a word, but for those of ssh; with a peer only those to it."""
+        ssh = ["tcp dport 22 accept", "tcp sport 22 accept"]
+        if peer is None:
+            self._filter(dict.fromkeys(CHAINS, [*ssh, "meta length > 1280 drop"]))
+        else:
+            self._filter({"output": [*ssh, f"ip daddr {peer.address} meta length > 1280 drop"]})
 
     def slow_down(self, bytes_a_second: float) -> None:
         self._host.shape(8 * bytes_a_second)
