@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from torch import Tensor
 from volsplat.bench.renderers import local_session
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.description.scene import Scene, Step
 
@@ -28,19 +30,32 @@ class Contender:
     picture: Callable[[], Tensor]
 
 
-class Drawing:
-    """A renderer of ours and its last picture."""
+def own_contender(
+    name: str,
+    threads: int,
+    renderer: Renderer,
+    step: Step = Step.F,
+    changed: Callable[[Scene], Scene] = lambda scene: scene,
+) -> Contender:
+    """A renderer of ours, which draws scenes as `changed`."""
+    drawn: list[Tensor] = []
 
-    def __init__(self, renderer: Renderer, step: Step = Step.F) -> None:
-        self.renderer = renderer
-        self._step = step
-        self._image = torch.zeros((1, 1, 4))
+    def draw(scene: Scene) -> None:
+        drawn[:] = [renderer.render(changed(scene), step)]
 
-    def draw(self, scene: Scene) -> None:
-        self._image = self.renderer.render(scene, self._step)
+    return Contender(name, threads, draw, lambda: drawn[0])
 
-    def picture(self) -> Tensor:
-        return self._image
+
+def vtk_contenders(
+    volume: SurveyedVolume, values: Tensor, scene: Scene, threads: Sequence[int], distances: Sequence[float]
+) -> Iterator[Contender]:
+    """VTK with the voxels of a volume, for views of a scene. Raises BadInput for what it cannot draw."""
+    from volsplat.bench.peers.vtk_scene import VtkScene, placed
+
+    there, quantisation = placed(values, volume.description.geometry), volume.quantisation(scene.quantise)
+    for count, distance in itertools.product(threads, distances):
+        vtk = VtkScene(there, scene, quantisation, distance, count)
+        yield Contender(vtk_name(distance), count, vtk.draw, vtk.picture)
 
 
 def vtk_name(distance: float) -> str:
@@ -60,27 +75,17 @@ def opened_contenders(
 
     With n threads there are n map/shade servers beside the splat server.
     """
-    from volsplat.bench.peers.vtk_scene import VtkScene, placed
-
     with ExitStack() as stack:
         ours: list[Contender] = []
         first: Renderer | None = None
         for count in threads:
             single = stack.enter_context(SingleProcess(path, threads=count, on_progress=say))
             first = first or single
-            drawing = Drawing(single)
-            ours.append(Contender(SINGLE, count, drawing.draw, drawing.picture))
+            ours.append(own_contender(SINGLE, count, single))
             if count > 1:
-                drawing = Drawing(stack.enter_context(local_session(path, count, say)))
-                ours.append(Contender(SERVERS, count, drawing.draw, drawing.picture))
+                ours.append(own_contender(SERVERS, count, stack.enter_context(local_session(path, count, say))))
         assert first is not None
         scene = scene_of(first)
         say("giving the volume to VTK")
-        reader, geometry = open_volume(path), first.volume.description.geometry
-        volume = placed(torch.as_tensor(reader.read(geometry.box)), geometry)
-        quantisation = first.volume.quantisation(scene.quantise)
-        for count in threads:
-            for distance in distances:
-                vtk = VtkScene(volume, scene, quantisation, distance, count)
-                ours.append(Contender(vtk_name(distance), count, vtk.draw, vtk.picture))
-        yield first, scene, ours
+        values = torch.as_tensor(open_volume(path).read(first.volume.description.geometry.box))
+        yield first, scene, [*ours, *vtk_contenders(first.volume, values, scene, threads, distances)]

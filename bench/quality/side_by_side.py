@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -9,7 +10,7 @@ import msgspec
 import torch
 from torch import Tensor
 
-from volsplat.bench.peers.contenders import Contender, Drawing, vtk_name
+from volsplat.bench.peers.contenders import Contender, own_contender, vtk_contenders
 from volsplat.bench.quality.density_fields import DensityField
 from volsplat.bench.quality.ray_caster import cast
 from volsplat.client.command.side_console import SideConsole
@@ -61,7 +62,8 @@ class SideBySide:
 
     def contenders(self, scene: Scene, distances: Sequence[float], variants: bool = False) -> list[Contender]:
         """For views of a scene. `variants`: step G with every other kernel, and with slabs half as thick, too."""
-        return [*self._steps(scene, variants), *self._vtk(scene, distances)]
+        by_vtk = vtk_contenders(self.renderer.volume, self.values, scene, [1], distances) if distances else ()
+        return [*self._steps(scene, variants), *by_vtk]
 
     def pictures(self, scene: Scene, distances: Sequence[float], variants: bool = False) -> dict[str, Tensor]:
         """(H, W, 4) float32 with associated alpha, by the contenders' names."""
@@ -73,22 +75,10 @@ class SideBySide:
 
     def _steps(self, scene: Scene, variants: bool) -> Iterator[Contender]:
         for name, step in ((STEP_F, Step.F), (STEP_G, Step.G)):
-            drawing = Drawing(self.renderer, step)
-            yield Contender(name, 1, drawing.draw, drawing.picture)
+            yield own_contender(name, 1, self.renderer, step)
         for words, reconstruction in _variants(scene.reconstruction) if variants else ():
-            drawing = Drawing(self.renderer, Step.G)
-            yield Contender(f"{STEP_G}, {words}", 1, _with(reconstruction, drawing), drawing.picture)
-
-    def _vtk(self, scene: Scene, distances: Sequence[float]) -> Iterator[Contender]:
-        if not distances:
-            return
-        from volsplat.bench.peers.vtk_scene import VtkScene, placed
-
-        volume = placed(self.values, self.geometry)
-        quantisation = self.renderer.volume.quantisation(scene.quantise)
-        for distance in distances:
-            vtk = VtkScene(volume, scene, quantisation, distance, 1)
-            yield Contender(vtk_name(distance), 1, vtk.draw, vtk.picture)
+            changed = partial(msgspec.structs.replace, reconstruction=reconstruction)
+            yield own_contender(f"{STEP_G}, {words}", 1, self.renderer, Step.G, changed)
 
 
 def _variants(usual: Reconstruction) -> Iterator[tuple[str, Reconstruction]]:
@@ -99,13 +89,6 @@ def _variants(usual: Reconstruction) -> Iterator[tuple[str, Reconstruction]]:
     yield f"slab {thin.slab:g}", thin
     best = SlabKernel.QUASI_INTERPOLATING
     yield f"{best}, slab {thin.slab:g}", msgspec.structs.replace(thin, slab_kernel=best)
-
-
-def _with(reconstruction: Reconstruction, drawing: Drawing) -> Callable[[Scene], None]:
-    def draw(scene: Scene) -> None:
-        drawing.draw(msgspec.structs.replace(scene, reconstruction=reconstruction))
-
-    return draw
 
 
 @contextmanager
