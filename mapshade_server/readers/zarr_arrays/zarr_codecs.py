@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import zstandard
 
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import (
     Damaged,
@@ -31,7 +32,7 @@ BOUNDED = ("blosc", "bz2", "gzip", "lz4", "lzma", "zlib", "zstd")
 SLACK = 2, 1 << 16  # times what is promised, and bytes: a packed part of a chain may be longer than its content
 
 BLOSC_HEADER, BLOSC_SIZE, BLOSC_BLOCK = 16, slice(4, 8), slice(8, 12)
-ZSTD_MAGIC, ZSTD_SKIPPED, ZSTD_BLOCK = b"\x28\xb5\x2f\xfd", b"\x2a\x4d\x18", 1 << 17
+ZSTD_SKIPPED, ZSTD_HEADER, ZSTD_BLOCK = b"\x2a\x4d\x18", 18, 1 << 17  # bytes, at most
 
 _most: ContextVar[int | None] = ContextVar("most bytes of a chunk, unpacked", default=None)
 
@@ -117,14 +118,12 @@ def _zstd_size(packed: memoryview) -> int:
 
 def _zstd_frame(packed: memoryview, at: int) -> tuple[int, int]:
     """The size that the frame states, to which libzstd keeps, else what its blocks become at most; and its end."""
-    if packed[at : at + 4] != ZSTD_MAGIC or len(packed) < at + 6:
-        raise Damaged("its zstd frame is damaged")
-    descriptor = packed[at + 4]
-    alone, has_checksum = descriptor >> 5 & 1, descriptor >> 2 & 1
-    size_bytes = (alone, 2, 4, 8)[descriptor >> 6]
-    at += 5 + (not alone) + (0, 1, 2, 4)[descriptor & 3]
-    stated = int.from_bytes(packed[at : at + size_bytes], "little") + (256 if size_bytes == 2 else 0)
-    at += size_bytes
+    start = packed[at : at + ZSTD_HEADER]
+    try:
+        stated = zstandard.get_frame_parameters(start)
+        at += zstandard.frame_header_size(start)
+    except zstandard.ZstdError:
+        raise Damaged("its zstd frame is damaged") from None
     total, last = 0, False
     while not last:
         if at + 3 > len(packed):
@@ -133,7 +132,8 @@ def _zstd_frame(packed: memoryview, at: int) -> tuple[int, int]:
         last, kind, size = bool(header & 1), header >> 1 & 3, header >> 3
         total += ZSTD_BLOCK if kind == 2 else size
         at += 3 + (1 if kind == 1 else size)
-    return stated if size_bytes else total, at + 4 * has_checksum
+    known = stated.content_size != zstandard.CONTENTSIZE_UNKNOWN
+    return stated.content_size if known else total, at + 4 * stated.has_checksum
 
 
 @cache
