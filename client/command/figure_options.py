@@ -17,7 +17,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 METAVARS = {"title": "TEXT", "labels": "TEXT@I,J,K", "dpi": "PIXELS", "text_size": "POINTS", "ink": "COLOUR"}
 PARTS = ("scale_bar", "colour_bar", "sides")
 
-_MEANINGS = {declared.name: declared.key.meaning for declared in declarations(Figure) if isinstance(declared.key, Key)}
+_DECLARED = {declared.name: declared for declared in declarations(Figure)}
+_MEANINGS = {name: declared.key.meaning for name, declared in _DECLARED.items() if isinstance(declared.key, Key)}
 
 
 def _option(name: str) -> Callable[[Command], Command]:
@@ -28,13 +29,10 @@ def _option(name: str) -> Callable[[Command], Command]:
             return click.option("--transparent", is_flag=True, default=None, help=meaning)
         case bool():
             return click.option(f"--{flag}/--no-{flag}", name, default=None, help=meaning)
-        case float() as usual:
-            return click.option(
-                f"--{flag}", name, type=click.FLOAT, metavar=METAVARS[name], help=f"{meaning} ({usual:g})"
-            )
         case tuple():
             return click.option("--label", name, multiple=True, metavar=METAVARS[name], help=meaning)
-    return click.option(f"--{flag}", name, metavar=METAVARS[name], help=meaning)
+    kind = click.FLOAT if float in _DECLARED[name].kinds and name != "ink" else click.STRING
+    return click.option(f"--{flag}", name, type=kind, metavar=METAVARS[name], help=meaning)
 
 
 figure_options = headed(

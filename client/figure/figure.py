@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from volsplat.protocol.description.colours import colour_from_text
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.scene import Colour, Image
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
     Declared,
@@ -18,7 +18,6 @@ from volsplat.protocol.description.scene_key import (
     Limits,
     Part,
     PartOf,
-    Slide,
     Swatch,
     Switch,
     declarations,
@@ -34,6 +33,9 @@ CM_PER_INCH = 2.54
 CENTIMETRES = {"cm": 1.0, "mm": 0.1, "in": CM_PER_INCH}
 POINTS_PER_INCH = 72
 DPI = Limits(20.0, 2400.0)
+PRINTED_DPI, PRINTED_TEXT = 300.0, 7.0  # what journals ask for
+LINES = 36  # of words beside one another that a picture nobody prints is as wide and high as
+LEAST_EM, MOST_EM = 10, 60  # pixels that words of such a picture have
 PRINTED = ("width", "height")
 
 
@@ -78,10 +80,25 @@ class Figure(Part, frozen=True):
             "cm",
         ),
     ] = "auto"
-    dpi: Annotated[float, Key("Pixels of the picture per inch.", PartOf("dpi"), DPI, "pixels per inch")] = 300.0
+    dpi: Annotated[
+        float | Literal["auto"],
+        Key(
+            f"Pixels of the picture per inch of print; auto is {PRINTED_DPI:g}.",
+            PartOf("dpi"),
+            DPI,
+            "pixels per inch",
+        ),
+    ] = "auto"
     text_size: Annotated[
-        float, Key("How large the words are.", Slide("text", step=0.5), Limits(3.0, 72.0), "points")
-    ] = 7.0
+        float | Literal["auto"],
+        Key(
+            f"How large the words are; auto is {PRINTED_TEXT:g} points where width or dpi tell how large the figure is"
+            " printed, else what suits the picture's pixels.",
+            PartOf("words"),
+            Limits(3.0, 72.0),
+            "points",
+        ),
+    ] = "auto"
     ink: Annotated[
         Colour | Literal["auto"],
         Key(
@@ -107,12 +124,19 @@ class Figure(Part, frozen=True):
         msgspec.structs.force_setattr(self, "labels", tuple((printable(text), at) for text, at in self.labels))
 
     @property
-    def em(self) -> int:
-        """The size of the words in pixels."""
-        return max(round(self.text_size * self.dpi / POINTS_PER_INCH), 1)
+    def resolution(self) -> float:
+        """Pixels per inch."""
+        return PRINTED_DPI if self.dpi == "auto" else self.dpi
+
+    def em_on(self, image: Image) -> int:
+        """The size of words about a picture, in pixels: as large in print as asked for, else in proportion to it."""
+        if self.text_size == self.dpi == self.width == "auto":
+            return min(max(round(min(image.width, image.height) / LINES), LEAST_EM), MOST_EM)
+        points = PRINTED_TEXT if self.text_size == "auto" else self.text_size
+        return max(round(points * self.resolution / POINTS_PER_INCH), 1)
 
     def pixels(self, centimetres: float) -> int:
-        return max(math.floor(centimetres / CM_PER_INCH * self.dpi + 0.5), 1)
+        return max(math.floor(centimetres / CM_PER_INCH * self.resolution + 0.5), 1)
 
     def ink_on(self, background: Colour) -> tuple[Colour, Colour]:
         """The colour of words, and the one that sets them off where they lie over the picture."""

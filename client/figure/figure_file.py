@@ -60,7 +60,7 @@ def write_picture(
 def _write_pixels(
     path: Path, pixels: NDArray[np.float32], scene: Scene, properties: Mapping[str, str], figure: Figure
 ) -> None:
-    write_image(path, pixels, scene, properties, dpi=figure.dpi, transparent=figure.transparent)
+    write_image(path, pixels, scene, properties, dpi=figure.resolution, transparent=figure.transparent)
 
 
 def _write_whole(path: Path, content: bytes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,7 @@ from volsplat.client.figure.side_marks import side_marks
 from volsplat.client.figure.type_faces import size_within
 from volsplat.client.scene.resized import sized as resized
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Image, Scene
 from volsplat.protocol.text.errors import BadInput
 
 TITLE_LINE = 1.9  # ems
@@ -31,14 +32,15 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
     if figure.width == "auto":
         if figure.height != "auto":
             raise BadInput("a figure's height needs its width; give both, in cm")
-        _check_room(figure, scene.image.width)
+        _check_room(figure, scene.image)
         return scene
     width = figure.pixels(figure.width)
-    _check_room(figure, width)
+    wide = msgspec.structs.replace(scene.image, width=min(width, LARGEST_EXTENT))
+    _check_room(figure, wide)
     if figure.height == "auto":
         height = round(width * scene.image.height / scene.image.width)
     else:
-        height = figure.pixels(figure.height) - _beside(figure, scene, volume, width)
+        height = figure.pixels(figure.height) - _beside(figure, msgspec.structs.replace(scene, image=wide), volume)
     if min(width, height) < LEAST_PICTURE:
         raise BadInput("a figure of this size has no room for its picture; give a larger size or dpi, or smaller text")
     if max(width, height) > LARGEST_EXTENT:
@@ -51,8 +53,7 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
 
 def figure_extent(figure: Figure, scene: Scene, volume: SurveyedVolume) -> tuple[int, int]:
     """Width and height of the whole figure in pixels."""
-    width = scene.image.width
-    return width, scene.image.height + _beside(figure, scene, volume, width)
+    return scene.image.width, scene.image.height + _beside(figure, scene, volume)
 
 
 def laid_out(
@@ -61,12 +62,12 @@ def laid_out(
     """The drawing of a finished picture of the scene; of another height if there must be one."""
     scene, description = volume.settled(scene), volume.description
     ink, paper = figure.ink_on(scene.image.background)
-    em, above = figure.em, _above(figure)
+    em, above = figure.em_on(scene.image), _above(figure, scene.image)
     corner = (0, above)
     room = Room(*corner, scene.image.width, scene.image.height)
     shapes: list[Shape] = []
     if figure.title:
-        shapes.append(_title(figure, scene.image.width, ink))
+        shapes.append(_title(figure, scene.image, ink))
     if figure.scale_bar:
         shapes += scale_bars(scene, description, corner, em, ink, paper)
         room.take(shapes)
@@ -80,7 +81,7 @@ def laid_out(
     return Drawing(
         width=width,
         height=height or whole,
-        dpi=figure.dpi,
+        dpi=figure.resolution,
         picture=picture,
         corner=corner,
         background=None if figure.transparent else scene.image.background,
@@ -88,39 +89,41 @@ def laid_out(
     )
 
 
-def _title(figure: Figure, width: int, ink: tuple[float, float, float]) -> Words:
-    size = _title_size(figure, width)
-    return Words(width / 2, TITLE_BASE * figure.em, figure.title, size, ink, None, Anchor.MIDDLE, bold=True)
+def _title(figure: Figure, image: Image, ink: tuple[float, float, float]) -> Words:
+    size, base = _title_size(figure, image), TITLE_BASE * figure.em_on(image)
+    return Words(image.width / 2, base, figure.title, size, ink, None, Anchor.MIDDLE, bold=True)
 
 
-def _check_room(figure: Figure, width: int) -> None:
+def _check_room(figure: Figure, image: Image) -> None:
     """Raises BadInput for a title or colour bars that have none."""
     if figure.title:
-        _title_size(figure, width)
-    if figure.colour_bar and width < (2 * INSET + LEAST_BAR) * figure.em:
+        _title_size(figure, image)
+    if figure.colour_bar and image.width < (2 * INSET + LEAST_BAR) * figure.em_on(image):
         raise BadInput(
-            f"a picture of {width} pixels is too narrow for colour bars in this text size; make it larger, lower the "
-            "dpi or the text size, or leave the bars out"
+            f"a picture of {image.width} pixels is too narrow for colour bars in this text size; make it larger, lower "
+            "the dpi or the text size, or leave the bars out"
         )
 
 
-def _title_size(figure: Figure, width: int) -> int:
+def _title_size(figure: Figure, image: Image) -> int:
     """Raises BadInput for a title that has no room."""
-    wanted = round(figure.em * TITLE_SIZE)
-    size = size_within(figure.title, wanted, width - figure.em, bold=True)
+    em = figure.em_on(image)
+    wanted = round(em * TITLE_SIZE)
+    size = size_within(figure.title, wanted, image.width - em, bold=True)
     if size < LEAST_TITLE * wanted:
         raise BadInput("the figure's title has no room above its picture; shorten it, or give a smaller text size")
     return size
 
 
-def _above(figure: Figure) -> int:
-    return round(TITLE_LINE * figure.em) if figure.title else 0
+def _above(figure: Figure, image: Image) -> int:
+    return round(TITLE_LINE * figure.em_on(image)) if figure.title else 0
+
+
+def _beside(figure: Figure, scene: Scene, volume: SurveyedVolume) -> int:
+    """Rows of pixels above and below the picture."""
+    bars = _bars(figure, scene, volume)
+    return _above(figure, scene.image) + bars.height(scene.image.width, figure.em_on(scene.image))
 
 
 def _bars(figure: Figure, scene: Scene, volume: SurveyedVolume) -> ColourBars:
     return colour_bars(scene, volume) if figure.colour_bar else NONE
-
-
-def _beside(figure: Figure, scene: Scene, volume: SurveyedVolume, width: int) -> int:
-    """Rows of pixels above and below the picture."""
-    return _above(figure) + _bars(figure, scene, volume).height(width, figure.em)

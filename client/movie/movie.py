@@ -105,7 +105,7 @@ def _images(folder: Path, figure: Figure | None) -> Iterator[Put]:
     hidden = temporary_name(folder / "frames")
     images: list[Path] = []
     whole = False
-    dpi, transparent = (figure.dpi, figure.transparent) if figure is not None else (None, False)
+    dpi, transparent = (figure.resolution, figure.transparent) if figure is not None else (None, False)
 
     def put(image: Pixels, scene: Scene, description: VolumeDescription) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))

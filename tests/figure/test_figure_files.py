@@ -141,7 +141,7 @@ def test_the_fonts_have_what_is_said_of_them() -> None:
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        ({"dpi": 3}, "figure: dpi must be 20 to 2400 pixels per inch, not 3"),
+        ({"dpi": 3}, 'figure: dpi must be 20 to 2400 pixels per inch or "auto", not 3.0'),
         ({"ink": "inkish"}, "inkish"),
         ({"labels": [("nose", (1, 2))]}, "labels"),
         ({"size": 4}, "a figure has no size; it has scale_bar, colour_bar"),
@@ -165,7 +165,7 @@ def test_a_title_is_smaller_where_it_is_long_and_refused_where_it_would_not_be_r
         next(
             shape.size for shape in laid_out(picture, Figure(title=text), scene, volume).shapes if type(shape) is Words
         )
-        for text in ("short", "rather longer than short")
+        for text in ("short", "rather longer than short, so long that there is no room")
     ]
     assert sizes[0] > sizes[1]
     for refused in (lambda: laid_out(picture, LONG, scene, volume), lambda: sized(LONG, scene, volume)):
@@ -178,7 +178,7 @@ def test_a_picture_too_narrow_for_colour_bars_is_refused_for_that(drawn: Drawn) 
     _, scene, volume = drawn
     for width in (1, 3, 40, 64):
         with pytest.raises(BadInput, match=f"a picture of {width} pixels is too narrow for colour bars"):
-            sized(Figure(), scene.with_(size=(width, 300)), volume)
+            sized(Figure(dpi=300), scene.with_(size=(width, 300)), volume)
         assert sized(Figure(colour_bar=False), scene.with_(size=(width, 300)), volume).image.width == width
 
 

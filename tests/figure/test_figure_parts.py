@@ -29,7 +29,17 @@ from volsplat.client.volume.scales import scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Quantise, ScalarTable, Scene, Tables, View
+from volsplat.protocol.description.scene import (
+    ColourTable,
+    CrossBar,
+    Field,
+    Image,
+    Quantise,
+    ScalarTable,
+    Scene,
+    Tables,
+    View,
+)
 from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -243,6 +253,18 @@ def test_a_figure_has_its_size_in_print_whatever_is_in_it(
     )
 
 
+@given(width=st.integers(16, 8000), height=st.integers(16, 8000), dpi=st.floats(30, 600), points=st.floats(4, 40))
+def test_words_suit_the_pixels_of_a_picture_that_nobody_says_how_to_print(
+    width: int, height: int, dpi: float, points: float
+) -> None:
+    image = Image(width=width, height=height)
+    em = Figure().em_on(image)
+    assert em in (10, 60) or em == pytest.approx(min(width, height) / 36, abs=0.5)
+    assert 10 <= em <= 60
+    assert Figure(dpi=dpi).em_on(image) == max(round(7 * dpi / 72), 1) == Figure(width=8.0, dpi=dpi).em_on(image)
+    assert Figure(text_size=points).em_on(image) == round(points * 300 / 72)
+
+
 def test_without_room_for_a_picture_there_is_no_figure() -> None:
     for figure, why in (
         (Figure(width=1.0, height=1.0), "has no room for its picture"),
@@ -321,7 +343,7 @@ def test_no_words_over_a_picture_lie_over_others(
     view = View(rotation=rotation, zoom=min(size) / 100, up="+z")
     axes = tuple(GridAxis(name, unit, 0.0, 1.0) for name, unit in (("RA", "arcmin"), ("Dec", "arcmin"), ("v", "km/s")))
     volume = surveyed(replace(HEAD, axes=axes, unit="arcmin", anatomical=False) if cube else HEAD)
-    figure = Figure(labels=tuple(labels), dpi=min(size) * 0.25, colour_bar=False)
+    figure = Figure(labels=tuple(labels), colour_bar=False)
     shapes = laid_out(
         np.zeros((height, width, 4), np.float32), figure, plain_scene(view=view, size=size), volume
     ).shapes

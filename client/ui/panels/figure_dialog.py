@@ -7,7 +7,7 @@ import threading
 
 from nicegui import context, ui
 
-from volsplat.client.figure.figure import Figure, figure_with, label_from_text
+from volsplat.client.figure.figure import PRINTED_DPI, PRINTED_TEXT, Figure, figure_with, label_from_text
 from volsplat.client.ui.controls.side_dialog import SideDialog
 from volsplat.client.ui.doors.handed_files import hand_bytes
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
@@ -39,9 +39,9 @@ class FigureDialog:
             self._labels = ui.textarea("labels, each TEXT@I,J,K").props("dense autogrow rows=1").classes("w-full")
             with ui.row():
                 self._width = ui.number("width, cm", value=WIDTH).props("dense")
-                self._dpi = ui.number("pixels per inch", value=usual.dpi).props("dense")
+                self._dpi = ui.number("pixels per inch", value=PRINTED_DPI).props("dense")
             with ui.row():
-                self._text_size = ui.number("words, points", value=usual.text_size).props("dense")
+                self._text_size = ui.number("words, points", value=PRINTED_TEXT).props("dense")
                 self._kind = ui.select(list(FIGURE_KINDS), value=FIGURE_KINDS[0], label="kind").props("dense")
             ui.label("without a width it has the pixels of the picture on the page").classes("vs-muted")
             self._trouble = ui.label("").classes("vs-bad").props("role=alert")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nicegui import background_tasks, context, ui
 
-from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
+from volsplat.client.figure.figure import Figure
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.controls.side_dialog import SideDialog
@@ -27,7 +27,6 @@ IMAGES = (2, 10_000)  # least and most
 IMAGES_A_SECOND = (1, 120)
 PIXELS = (16, LARGEST_EXTENT)
 LONGEST_NAME = 100
-LINES = 32  # of words as high as the picture
 SECONDS_BETWEEN_LOOKS = 0.2
 
 
@@ -104,7 +103,7 @@ class MovieDialog:
         try:
             path = folder / f"{_file_name(self._name.value)}{self._kind.value}"
             scenes, rate = self._scenes(), _whole(self._rate, IMAGES_A_SECOND)
-            figure = _figure(scenes[0]) if self._as_figures.value else None
+            figure = Figure() if self._as_figures.value else None
             self._job = MovieJob(drawing, scenes, path, rate, figure=figure)
         except VolsplatError as error:
             self._trouble.text = _told(error, folder)
@@ -162,13 +161,6 @@ class MovieDialog:
 
 def _number(label: str, value: int | None) -> ui.number:
     return ui.number(label, value=value, precision=0).props("dense")
-
-
-def _figure(scene: Scene) -> Figure:
-    """Whose words are in proportion to the picture: nobody prints it."""
-    words = min(scene.image.width, scene.image.height) / LINES
-    dpi = words * POINTS_PER_INCH / Figure().text_size
-    return Figure(dpi=min(max(dpi, DPI.least), DPI.most))
 
 
 def _whole(field: ui.number, limits: tuple[int, int]) -> int:
