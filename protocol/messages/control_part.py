@@ -15,6 +15,9 @@ _ENCODER = msgspec.msgpack.Encoder()
 _GREETING_DECODER = msgspec.msgpack.Decoder(Union[GREETINGS])  # noqa: UP007
 _DECODER = msgspec.msgpack.Decoder(Union[MESSAGES])  # noqa: UP007
 
+# Of one version of the protocol, between two releases.
+OTHER_BUILD = "; if it is another build of volsplat, install the same one on all machines"
+
 
 def encode_control(message: Message) -> bytes:
     """The message as msgpack. Raises LocalProtocolError for a field that msgpack cannot carry."""
@@ -33,7 +36,8 @@ def decode_control(control: bytes | bytearray | memoryview, greeting: bool = Fal
         message: Message = (_GREETING_DECODER if greeting else _DECODER).decode(control)
         return message
     except (msgspec.DecodeError, ValueError, ArithmeticError, RecursionError) as error:
-        raise RemoteProtocolError(f"the control part cannot be read: {_in_one_line(error, control)}") from error
+        cure = OTHER_BUILD if isinstance(error, msgspec.ValidationError) else ""
+        raise RemoteProtocolError(f"the control part cannot be read: {_in_one_line(error, control)}{cure}") from error
 
 
 def _in_one_line(error: Exception, control: bytes | bytearray | memoryview) -> str:
