@@ -216,7 +216,7 @@ def _description(source: ArraySource, kind: Kind, name: str) -> VolumeDescriptio
         name=name or source.name,
         format="array in memory",
         geometry=geometry,
-        scalar_type=_scalar_type(str(source.values.dtype)),
+        scalar_type=_scalar_type(source.values.dtype),
         unit=source.unit,
         value_unit=source.value_unit,
         warnings=source.warnings if source.placed else (*source.warnings, source.unplaced),
@@ -226,12 +226,12 @@ def _description(source: ArraySource, kind: Kind, name: str) -> VolumeDescriptio
     )
 
 
-def _scalar_type(dtype: str) -> str:
+def _scalar_type(dtype: Any) -> str:
     """The type that a volume of such numbers has. Raises BadInput."""
     try:
-        name = np.dtype(dtype).name
+        name: str = np.dtype(dtype).name
     except TypeError:
-        name = dtype
+        name = str(dtype)
     name = {"bool": "uint8", "float16": "float32"}.get(name, name)
     if name not in SCALAR_BYTES:
         raise BadInput(

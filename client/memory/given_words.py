@@ -1,4 +1,4 @@
-"""What a script says of an array: words, and lengths that may bring their unit, as astropy's quantities do."""
+"""What a script says of an array: words, and lengths that may bring their unit, as astropy's and pint's do."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ def words(name: str, value: Any) -> str:
         return value or ""
     if hasattr(value, "to_string"):
         return str(value.to_string())
+    if hasattr(value, "dimensionality"):
+        return f"{value:~}"
     raise BadInput(f"{name} must be a text, not {value!r:.60}")
 
 
@@ -31,14 +33,24 @@ def letters(name: str, value: str | Sequence[str] | None, cure: str) -> str:
 def unit_of(lengths: Any) -> str:
     """The unit that these bring, or the first of them that brings one; "" where none does."""
     each = (lengths, *lengths) if isinstance(lengths, list | tuple) else (lengths,)
-    return next((str(one.unit) for one in each if _has_unit(one)), "")
+    return next((unit_name(one) for one in each if _has_unit(one)), "")
+
+
+def is_of_pint(one: Any) -> bool:
+    """Whether it is such a library's quantity: a magnitude of units."""
+    return hasattr(one, "magnitude") and hasattr(one, "units")
+
+
+def unit_name(quantity: Any) -> str:
+    """The unit of a quantity, in short."""
+    return f"{quantity.units:~}" if is_of_pint(quantity) else str(quantity.unit)
 
 
 def numbers(name: str, lengths: Any, shape: tuple[int, ...], unit: str) -> Any:
     """As an array; lengths that bring their unit in this one. Raises BadInput."""
     try:
         given = np.asarray(_in_unit(lengths, unit), float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, AttributeError) as error:  # the last by pint, of a unit that it does not know
         if unit_of(lengths):
             raise BadInput(f"{name}={lengths!r:.60} cannot be brought to “{unit}”: {error}") from None
         given = np.empty(0)
@@ -49,13 +61,17 @@ def numbers(name: str, lengths: Any, shape: tuple[int, ...], unit: str) -> Any:
 
 def _in_unit(lengths: Any, unit: str) -> Any:
     if _has_unit(lengths):
-        return lengths.to_value(unit)
+        return _value(lengths, unit)
     if not isinstance(lengths, list | tuple) or not any(map(_has_unit, lengths)):
         return lengths
     if not all(map(_has_unit, lengths)):
         raise ValueError("some of them have no unit")
-    return [one.to_value(unit) for one in lengths]
+    return [_value(one, unit) for one in lengths]
 
 
 def _has_unit(one: Any) -> bool:
-    return hasattr(one, "to_value") and hasattr(one, "unit")
+    return is_of_pint(one) or (hasattr(one, "to_value") and hasattr(one, "unit"))
+
+
+def _value(quantity: Any, unit: str) -> Any:
+    return quantity.to(unit).magnitude if is_of_pint(quantity) else quantity.to_value(unit)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from volsplat.client.memory.array_source import HOW_TO_SAY_MORE, UNPLACED, ArraySource
+from volsplat.client.memory.given_words import is_of_pint, unit_name
 from volsplat.client.memory.library_errors import library_errors
 from volsplat.client.memory.no_data import NetcdfValues, with_nan
 from volsplat.protocol.geometry.matrices import Matrix, Vector
@@ -36,13 +37,20 @@ def source_of(array: Any) -> ArraySource | None:
 
 
 def _told_by(array: Any) -> ArraySource | None:
-    for one in type(array).__mro__:
-        told = _BY_MODULE.get(one.__module__.partition(".")[0])
-        if told is not None and hasattr(array, told[0]):
-            return told[1](array)
+    if isinstance(array, list | tuple) and array and "pydicom" in _libraries(array[0]):
+        return _pydicom(array[0])
+    for library in _libraries(array):
+        for had, told in _BY_MODULE.get(library, ()):
+            if hasattr(array, had):
+                return told(array)
     if hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__"):
         return ArraySource(array)  # numpy's, zarr's, h5py's
     return ArraySource(np.asarray(array)) if hasattr(array, "__array__") else None
+
+
+def _libraries(array: Any) -> list[str]:
+    """By the types that its type is derived from."""
+    return [one.__module__.partition(".")[0] for one in type(array).__mro__]
 
 
 def _torch(tensor: Any) -> ArraySource:
@@ -61,7 +69,26 @@ def _quantity(array: Any) -> ArraySource:
         of = ArraySource(array.data) if array.mask is None else _masked(np.ma.masked_array(array.data, array.mask))
         return replace(of, value_unit=str(array.unit or ""))
     values = _masked(array).values if hasattr(array, "mask") else array
-    return ArraySource(values.value, value_unit=str(array.unit))
+    return ArraySource(values.value, value_unit="" if array.unit is None else str(array.unit))
+
+
+def _pint(quantity: Any) -> ArraySource | None:
+    told = _told_by(quantity.magnitude)
+    return told and replace(told, value_unit=unit_name(quantity))
+
+
+def _hdus(parts: Any) -> ArraySource:
+    raise BadInput(
+        f"the {type(parts).__name__} of a FITS file may have several volumes; give the file's path, which tells where "
+        "they lie, or the numbers of one alone, as hdus[0].data"
+    )
+
+
+def _pydicom(dataset: Any) -> ArraySource:
+    raise BadInput(
+        f"a {type(dataset).__name__} of pydicom is a file of a series; give the series' folder, which tells where its "
+        "slices lie, or numbers alone, as dataset.pixel_array"
+    )
 
 
 def _dask(array: Any) -> ArraySource:
@@ -94,18 +121,18 @@ def _xarray(array: Any) -> ArraySource:
     _check_axes(array.ndim, "choose the others' places, as in array.isel(time=0)")
     named = {str(name).lower(): name for name in array.dims}
     order = [named[axis] for axis in "zyx"] if set(named) == set("xyz") else list(array.dims)
-    coordinates = {
-        name: (array.coords[name].values, str(array.coords[name].attrs.get("units", "")))
-        for name in order
-        if name in array.coords
-    }
-    return _by_coordinates(
-        array.transpose(*order).data,
-        order,
-        coordinates,
-        str(array.name or "array"),
-        str(array.attrs.get("units", "")),
-    )
+    coordinates = {name: _xarray_values(array.coords[name]) for name in order if name in array.coords}
+    values, unit = _xarray_values(array.transpose(*order))
+    name = "" if array.name == getattr(values, "name", None) else array.name  # of a dask array it is a key of dask's
+    return _by_coordinates(values, order, coordinates, str(name or "array"), unit)
+
+
+def _xarray_values(array: Any) -> tuple[Any, str]:
+    """And their unit, which stands beside them, or which pint's quantities bring."""
+    values = array.data  # read with each look
+    if is_of_pint(values):
+        return values.magnitude, unit_name(values)
+    return values, str(array.attrs.get("units", ""))
 
 
 def _by_coordinates(
@@ -145,6 +172,8 @@ def _simple_itk(image: Any) -> ArraySource:
     import SimpleITK
 
     _check_image(image.GetDimension(), image.GetNumberOfComponentsPerPixel())
+    if image.GetPixelIDTypeAsString().startswith("label"):  # of which SimpleITK makes no array, and crashes
+        raise BadInput("a label map has no voxels; make an image of it, as by sitk.Cast(image, sitk.sitkUInt8)")
     directions = np.array(image.GetDirection()).reshape(3, 3)
     values = SimpleITK.GetArrayViewFromImage(image)
     return _itk_source(values, directions * np.array(image.GetSpacing()), image.GetOrigin())
@@ -276,16 +305,18 @@ def _vector(numbers: Any) -> Vector:
     return (x, y, z)
 
 
-_BY_MODULE: dict[str, tuple[str, Callable[[Any], ArraySource]]] = {
-    "numpy": ("mask", _masked),
-    "astropy": ("unit", _quantity),
-    "dask": ("dask", _dask),
-    "netCDF4": ("dimensions", _netcdf),
-    "torch": ("detach", _torch),
-    "xarray": ("coords", _xarray),
-    "SimpleITK": ("GetDirection", _simple_itk),
-    "itk": ("GetDirection", _itk),
-    "nibabel": ("dataobj", _nibabel),
-    "vtkmodules": ("GetPointData", _vtk),
+_BY_MODULE: dict[str, tuple[tuple[str, Callable[[Any], ArraySource | None]], ...]] = {
+    "numpy": (("mask", _masked),),
+    "astropy": (("fileinfo", _hdus), ("unit", _quantity)),
+    "dask": (("dask", _dask),),
+    "netCDF4": (("dimensions", _netcdf),),
+    "pint": (("magnitude", _pint),),
+    "pydicom": (("file_meta", _pydicom), ("is_implicit_VR", _pydicom)),
+    "torch": (("detach", _torch),),
+    "xarray": (("coords", _xarray),),
+    "SimpleITK": (("GetDirection", _simple_itk),),
+    "itk": (("GetDirection", _itk),),
+    "nibabel": (("dataobj", _nibabel),),
+    "vtkmodules": (("GetPointData", _vtk),),
 }
 """By the top of a type's module: what such an object has, beside others of its library, and what it tells."""

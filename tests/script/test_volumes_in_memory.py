@@ -14,13 +14,14 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import dask.array
 import h5py
 import netCDF4
 import nibabel
 import numpy as np
+import pydicom
 import pytest
 import pyvista
 import SimpleITK
@@ -28,7 +29,9 @@ import torch
 import xarray
 import zarr
 from astropy import units
+from astropy.io import fits
 from astropy.nddata import CCDData
+from astropy.table import Column, MaskedColumn
 from astropy.utils.masked import Masked
 
 from support.files.refusals import assert_refused_in_one_line
@@ -225,6 +228,70 @@ def test_lengths_that_bring_their_unit_are_as_long_in_every_other(unit: Any) -> 
     assert np.allclose(told.geometry.origin, np.multiply((100, 2, 0.3), one))
 
 
+class PintQuantity:
+    """Quacks as pint's does, which nothing here needs."""
+
+    __module__ = "pint.registry"
+    _METRES: ClassVar = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+
+    def __init__(self, magnitude: Any, unit: str) -> None:
+        self.magnitude, self.units = magnitude, PintUnit(unit)
+
+    def to(self, unit: str) -> PintQuantity:
+        if unit not in self._METRES:
+            raise AttributeError(f"{unit!r} is not defined in the unit registry")
+        return PintQuantity(np.multiply(self.magnitude, self._METRES[self.units.name] / self._METRES[unit]), unit)
+
+
+class PintUnit:
+    dimensionality = "[length]"
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __format__(self, how: str) -> str:
+        assert how == "~", "else it is written in full"
+        return self.name
+
+
+@pytest.mark.parametrize("unit", ["", "mm", PintUnit("mm")])
+def test_pints_lengths_and_values_bring_their_unit(unit: Any) -> None:
+    for spacing in (PintQuantity([1, 2, 500], "um"), tuple(PintQuantity(one, "um") for one in (1, 2, 500))):
+        told = Volume(PintQuantity(VALUES, "K"), spacing=spacing, unit=unit).description
+        assert (told.unit, told.value_unit, told.scalar_type) == ("mm" if unit else "um", "K", "int16")
+        assert np.allclose(told.geometry.spacing, np.multiply((1, 2, 500), 1e-3 if unit else 1))
+    with pytest.raises(BadInput, match="cannot be brought to “s”: 's' is not defined"):
+        Volume(VALUES, spacing=spacing, unit="s")
+
+
+def test_what_pint_itself_makes_is_taken_so() -> None:
+    pint = pytest.importorskip("pint")
+    unit = pint.UnitRegistry()
+    told = Volume(VALUES * unit.kelvin, spacing=np.array([1, 2, 3]) * unit.um, unit="mm").description
+    assert told.value_unit == "K" and np.allclose(told.geometry.spacing, (0.001, 0.002, 0.003))
+    with pytest.raises(BadInput, match="cannot be brought to “s”: Cannot convert"):
+        Volume(VALUES, spacing=np.array([1, 2, 3]) * unit.um, unit="s")
+
+
+def test_a_library_that_says_nothing_of_a_name_or_a_unit_gives_none() -> None:
+    of_dask = xarray.DataArray(dask.array.from_array(VALUES), dims=("z", "y", "x"))
+    assert Volume(of_dask, spacing=(1, 1, 1)).description.name == "array"
+    assert Volume(of_dask.rename("cells"), spacing=(1, 1, 1)).description.name == "cells"
+    columns = Column(VALUES), Column(VALUES, unit="K"), MaskedColumn(VALUES)
+    assert [Volume(column, spacing=(1, 1, 1)).description.value_unit for column in columns] == ["", "K", ""]
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_what_a_session_cannot_draw_of_dicom_and_fits_names_the_cure(several: bool) -> None:
+    dataset = pydicom.Dataset()
+    for volume, cure in (
+        ([dataset, dataset] if several else dataset, "give the series' folder, .* or numbers alone, as dataset.pixel"),
+        (fits.HDUList([fits.PrimaryHDU(VALUES)]) if several else fits.PrimaryHDU(VALUES), "numbers of one alone, as"),
+    ):
+        with pytest.raises(BadInput, match=cure):
+            Session(volume)
+
+
 def test_lengths_are_brought_to_the_unit_that_an_image_has() -> None:
     told = Volume(itk_image(), spacing=[1, 1, 1] * units.cm).description
     assert told.unit == "mm" and np.allclose(told.geometry.spacing, 10)
@@ -375,6 +442,8 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
         (VALUES, {"spacing": (1 * units.mm, 1, 1)}, "cannot be brought to “mm”: some of them have no unit"),
         (VALUES, {"spacing": [1, 1, 1] * units.K, "unit": "mm"}, "cannot be brought to “mm”: 'K'"),
         (VALUES, {"spacing": [1, 1] * units.mm}, "spacing must be 3 finite numbers, not <Quantity"),
+        (np.zeros((6, 7, 8), "i2,f4").view(np.recarray), {}, "is no volume; convert it to numbers such as float32"),
+        (SimpleITK.Image([4, 4, 4], SimpleITK.sitkLabelUInt16), {}, "as by sitk.Cast(image, sitk.sitkUInt8)"),
         (pyvista.Sphere(), {}, "a PolyData is no image of voxels; resample it to one"),
     ],
 )
