@@ -19,7 +19,7 @@ RAMP_SIZE: Index = (48, 40, 32)
 RAMP_DIRECTION: Vector = (0.48, 0.6, 0.64)  # of length 1, along no axis
 
 SLAB_SIZE: Index = (48, 40, 32)
-SLAB_MARGIN = 4
+SLAB_MARGIN = 4  # voxels
 SLAB_VALUE = 200
 
 
@@ -42,28 +42,20 @@ def marschner_lobb_signal(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> 
     return signal / (2 * (1 + MARSCHNER_LOBB_ALPHA))
 
 
-def ramp(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0, direction: Vector = RAMP_DIRECTION
-) -> Phantom:
-    """float32 values that rise by 1 per unit of length along `direction`, 0 in the middle."""
+def ramp(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
+    """float32 values that rise by 1 per unit of length along RAMP_DIRECTION, 0 in the middle."""
     geometry = centred_geometry(size or RAMP_SIZE, spacing or UNIT_SPACING)
-    dx, dy, dz = normalised(direction)
+    dx, dy, dz = normalised(RAMP_DIRECTION)
     return Phantom(geometry, torch.float32, (dx * x + dy * y + dz * z for x, y, z in sheet_positions(geometry)))
 
 
-def slab(
-    size: Index | None = None,
-    spacing: Vector | None = None,
-    seed: int = 0,
-    margin: int = SLAB_MARGIN,
-    value: int = SLAB_VALUE,
-) -> Phantom:
-    """uint8 `value` everywhere but in a margin of air, 0, of so many voxels; less where the size leaves no room."""
+def slab(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
+    """uint8 SLAB_VALUE everywhere but in a margin of air, 0, which is thinner where the size leaves no room."""
     geometry = centred_geometry(size or SLAB_SIZE, spacing or UNIT_SPACING)
     within = []
     for count in geometry.dims:
-        room = min(margin, (count - 1) // 2)
+        room = min(SLAB_MARGIN, (count - 1) // 2)
         index = torch.arange(count)
         within.append(((index >= room) & (index < count - room)).to(torch.uint8))
-    sheet = within[1][:, None] * within[0][None, :] * value
+    sheet = within[1][:, None] * within[0][None, :] * SLAB_VALUE
     return Phantom(geometry, torch.uint8, (sheet[None] * inside for inside in within[2]))

@@ -124,17 +124,17 @@ def test_the_marschner_lobb_signal_is_its_formula() -> None:
 
 
 def test_the_ramp_rises_by_one_per_unit_along_its_direction() -> None:
-    values, geometry = ramp((9, 8, 7), (0.5, 1.0, 2.0), direction=(0.0, 3.0, 4.0)).whole()
-    for axis, per_step in ((2, 0.0), (1, 0.6), (0, 1.6)):
+    values, geometry = ramp((9, 8, 7), (0.5, 1.0, 2.0)).whole()
+    for axis, per_step in ((2, 0.24), (1, 0.6), (0, 1.28)):
         steps = values.diff(dim=axis)
         torch.testing.assert_close(steps, torch.full_like(steps, per_step))
 
 
 def test_the_slab_is_uniform_inside_its_margin() -> None:
-    values, _ = slab((20, 16, 12), margin=3, value=77).whole()
-    assert set(values.flatten().tolist()) == {0, 77}
-    assert (values[3:-3, 3:-3, 3:-3] == 77).all()
-    assert int((values == 77).sum()) == 14 * 10 * 6
+    values, _ = slab((20, 16, 12)).whole()
+    assert set(values.flatten().tolist()) == {0, 200}
+    assert (values[4:-4, 4:-4, 4:-4] == 200).all()
+    assert int((values == 200).sum()) == 12 * 8 * 4
 
 
 @pytest.fixture(scope="module")
