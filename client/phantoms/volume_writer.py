@@ -205,13 +205,9 @@ def _system_reason(folder: Path) -> str:
 @contextmanager
 def _appearing_whole(path: Path) -> Iterator[Path]:
     """A folder for files that take their places beside `path` once all are written. Raises BadInput for OSError."""
+    folder = temporary_name(path.parent / "volume")  # so that the renaming stays within one file system
     try:
-        # Beside the target, so that the renaming stays within one file system.
-        folder = temporary_name(path.parent / "volume")
         folder.mkdir(mode=0o700)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None
-    try:
         yield folder
         # The header last: who finds it finds its data.
         for written in sorted(folder.iterdir(), key=lambda file: file.name == path.name):
