@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.client.figure.drawing import Anchor, Area, Box, Drawing, Line, Ramp, Shape, Words
-from volsplat.client.figure.type_faces import setting_of
-from volsplat.client.image.lettering import canvas_of, extent, pixels_of, write
+from volsplat.client.figure.type_faces import advance, runs_of, width_of
+from volsplat.client.image.lettering import canvas_of, pixels_of, write
 from volsplat.protocol.description.scene import Colour
 
 REMEMBERED = 256  # lines of text
@@ -64,8 +64,7 @@ def _put(pixels: Pixels, left: int, top: int, cover: Pixels, colour: Colour | Pi
 def _paint_words(pixels: Pixels, words: Words) -> None:
     if not words.text:
         return
-    text, font = setting_of(words.text, words.bold)
-    line = _line_of_text(text, words.size, font)
+    line = _line_of_text(words.text, words.size, words.bold)
     start = words.x - {Anchor.START: 0.0, Anchor.MIDDLE: line.width / 2, Anchor.END: line.width}[words.anchor]
     left, top = round(start) - line.left, round(words.y) - line.base
     if words.halo is not None:
@@ -84,12 +83,15 @@ class _Text(NamedTuple):
 
 
 @lru_cache(REMEMBERED)
-def _line_of_text(text: str, size: int, font: str) -> _Text:
+def _line_of_text(text: str, size: int, bold: bool) -> _Text:
     """Remembered, since the frames of a movie have the same."""
-    width, reach = extent(text, size, font), max(math.ceil(HALO * size), 1)
+    width, reach = width_of(text, size, bold), max(math.ceil(HALO * size), 1)
     room, above, below = reach + 2, 2 * size, size
     canvas = canvas_of(np.zeros((above + below + 2 * room, width + 2 * room + size, 1), np.float32))
-    write(canvas, room, room + above, text, size, 1.0, font)
+    start = room
+    for run in runs_of(text, bold):
+        write(canvas, start, room + above, run.text, size, 1.0, run.font)
+        start += advance(run, size)
     cover = pixels_of(canvas)[..., 0]
     return _Text(cover, _spread(cover, reach), room, room + above, width)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from volsplat.client.figure.drawing import Anchor, Area, Box, Drawing, Line, Ramp, Shape, Words
 from volsplat.client.figure.figure import POINTS_PER_INCH
-from volsplat.client.figure.type_faces import setting_of
+from volsplat.client.figure.type_faces import Run, runs_of
 from volsplat.client.image.image_formats import need_pdf
 from volsplat.client.image.lettering import BOLD_FONT
 from volsplat.protocol.description.scene import Colour
@@ -75,24 +76,24 @@ class _Pen:
         from reportlab.pdfbase.pdfmetrics import stringWidth
 
         canvas = self._canvas
-        text, face = setting_of(words.text, words.bold)
-        font = _registered(face)
-        wide = stringWidth(text, font, words.size)
+        runs = [Run(run.text, _registered(run.font)) for run in runs_of(words.text, words.bold)]
+        wide = sum(stringWidth(run.text, run.font, words.size) for run in runs)
         x = words.x - {Anchor.START: 0.0, Anchor.MIDDLE: wide / 2, Anchor.END: wide}[words.anchor]
         if words.halo is not None:
             canvas.setLineJoin(1)
             canvas.setLineWidth(HALO * words.size)
             canvas.setStrokeColorRGB(*words.halo)
-            self._text(words, text, x, font, STROKE)
+            self._text(words, runs, x, STROKE)
         canvas.setFillColorRGB(*words.colour)
-        self._text(words, text, x, font, FILL)
+        self._text(words, runs, x, FILL)
 
-    def _text(self, words: Words, text: str, x: float, font: str, mode: int) -> None:
+    def _text(self, words: Words, runs: Sequence[Run], x: float, mode: int) -> None:
         self._canvas.saveState()  # a mode holds beyond the text
         line = self._canvas.beginText(x, self._height - words.y)
-        line.setFont(font, words.size)
         line.setTextRenderMode(mode)
-        line.textOut(text)
+        for run in runs:
+            line.setFont(run.font, words.size)
+            line.textOut(run.text)
         self._canvas.drawText(line)
         self._canvas.restoreState()
 

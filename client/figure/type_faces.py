@@ -1,7 +1,8 @@
-"""Which of the fonts that come with OpenImageIO has the characters of a line, for pixels and PDF."""
+"""Which of the fonts that come with OpenImageIO have the characters of a line, for pixels and PDF."""
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import NamedTuple
 
 from volsplat.client.figure.characters import LATIN, legible
@@ -10,25 +11,29 @@ from volsplat.client.image.lettering import BOLD_FONT, FONT, extent
 WIDE_FONT = "DroidSansMono"  # has more than western Europe's letters
 
 
-class Setting(NamedTuple):
-    """A line as it is set: with characters that its font has."""
+class Run(NamedTuple):
+    """Characters of a line that one font has."""
 
     text: str
     font: str
 
 
-def setting_of(text: str, bold: bool = False) -> Setting:
-    """Bold where the font that has the characters has a bold one."""
-    text = legible(text)
-    if LATIN.issuperset(text):
-        return Setting(text, BOLD_FONT if bold else FONT)
-    return Setting(text, WIDE_FONT)
+def runs_of(text: str, bold: bool = False) -> list[Run]:
+    """A line as it is set: what the usual font does not have in another, which has no bold one."""
+    face = BOLD_FONT if bold else FONT
+    fonts = groupby(legible(text), lambda character: face if character in LATIN else WIDE_FONT)
+    return [Run("".join(characters), font) for font, characters in fonts]
 
 
 def width_of(text: str, size: int, bold: bool = False) -> int:
     """In pixels."""
-    set_as = setting_of(text, bold)
-    return extent(set_as.text, size, set_as.font)
+    runs = runs_of(text, bold)
+    return extent(runs[0].text, size, runs[0].font) if len(runs) == 1 else sum(advance(run, size) for run in runs)
+
+
+def advance(run: Run, size: int) -> int:
+    """Pixels from its beginning to that of what follows, its outer blanks with it, which have no ink."""
+    return extent(f"|{run.text}|", size, run.font) - extent("||", size, run.font)
 
 
 def size_within(text: str, size: int, room: float, bold: bool = False) -> int:

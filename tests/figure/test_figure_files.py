@@ -19,13 +19,13 @@ from support.files.images import read_image
 from support.programs.programs import Person
 from tolerances import ONE_LEVEL
 from volsplat.client.figure.characters import LATIN, MORE, SIGNS, check_words, legible
-from volsplat.client.figure.drawing import Line, Words
+from volsplat.client.figure.drawing import Drawing, Line, Words
 from volsplat.client.figure.figure import BARE, POINTS_PER_INCH, Figure, figure_with
 from volsplat.client.figure.figure_file import write_picture
 from volsplat.client.figure.layout import laid_out, sized
 from volsplat.client.figure.painted import painted
 from volsplat.client.figure.pdf_file import _registered
-from volsplat.client.figure.type_faces import WIDE_FONT, width_of
+from volsplat.client.figure.type_faces import WIDE_FONT, runs_of, width_of
 from volsplat.client.image.image_file import read_scene, write_image
 from volsplat.client.image.lettering import BOLD_FONT, FONT
 from volsplat.client.session.single import SingleProcess
@@ -136,6 +136,30 @@ def test_the_fonts_have_what_is_said_of_them() -> None:
     for face, characters in ((FONT, LATIN), (BOLD_FONT, LATIN), (WIDE_FONT, LATIN | MORE | SIGNS)):
         glyphs = getFont(_registered(face)).face.charToGlyph
         assert not [character for character in characters if ord(character) not in glyphs], face
+
+
+@pytest.mark.parametrize("bold", [False, True])
+def test_a_line_keeps_its_font_but_for_characters_that_this_lacks(bold: bool) -> None:
+    face = BOLD_FONT if bold else FONT
+    runs = runs_of("NGC 6946 αβγ 21 cm", bold)
+    assert runs == [("NGC 6946 ", face), ("αβγ", WIDE_FONT), (" 21 cm", face)]
+    before = width_of("a |", 20, bold)
+    whole = _drawn_words("a |αβ| b", 10.0, bold)
+    assert np.array_equal(whole[:, : 10 + before], _drawn_words("a |", 10.0, bold)[:, : 10 + before])
+    inked, alone = (_columns(pixels) for pixels in (whole, _drawn_words("| b", 10.0, bold)))
+    assert np.array_equal(inked[:, -alone.shape[1] :], alone)
+    assert not runs_of("") and width_of("", 20) == 0
+
+
+def _columns(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """From the first that has ink to the last."""
+    inked = np.flatnonzero(pixels[..., 3].max(axis=0))
+    return pixels[:, inked[0] : inked[-1] + 1]
+
+
+def _drawn_words(text: str, x: float, bold: bool) -> NDArray[np.float32]:
+    words = Words(x, 40.0, text, 20, (1.0, 1.0, 1.0), bold=bold)
+    return painted(Drawing(400, 60, 72.0, np.zeros((1, 1, 4), np.float32), (0, 0), None, (words,)))
 
 
 @pytest.mark.parametrize(
