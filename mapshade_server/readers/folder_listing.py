@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.arrays import raw_voxels
 from volsplat.mapshade_server.readers.medicine import dicom_file, dicom_series, picture_folder, tiff_folder
-from volsplat.mapshade_server.readers.open_volume import format_of, head_of
-from volsplat.mapshade_server.readers.part_listing import parts_of
+from volsplat.mapshade_server.readers.open_volume import format_of, head_of, parts_of
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeFormat
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
 from volsplat.protocol.description.volume_name import VolumeName, volume_name

@@ -3,7 +3,7 @@
 import errno
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +13,7 @@ from volsplat.mapshade_server.readers.reading.file_marks import HEAD_BYTES, chec
 from volsplat.mapshade_server.readers.reading.gzip_files import DAMAGED_GZIP, GZIP_MAGIC
 from volsplat.mapshade_server.readers.reading.headers_beside import header_naming
 from volsplat.mapshade_server.readers.reading.opened_file import opened
+from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.volume_reader import FolderFormat, OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -90,6 +91,17 @@ def open_volume(name: str) -> OpenedVolume:
     except OSError as error:
         which, reason = error.filename or place, os.strerror(error.errno or 0)
         raise BadInput(f"{which}: cannot be read ({reason}); check its permissions and its disk") from None
+
+
+def parts_of(name: str) -> Sequence[Part]:
+    """Those that can be opened each by itself: one must be named, or may be; none if there is nothing to choose.
+
+    Raises BadInput for what cannot be opened.
+    """
+    try:
+        return open_volume(name).parts
+    except PartNeeded as needed:
+        return needed.parts
 
 
 def format_of(path: Path, head: bytes) -> VolumeFormat | None:

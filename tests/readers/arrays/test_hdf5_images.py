@@ -12,7 +12,7 @@ import tolerances
 from support.files.opened import described, read_whole
 from support.files.volume_files import DIMS, values_of, written
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.part_listing import parts_of
+from volsplat.mapshade_server.readers.open_volume import parts_of
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 

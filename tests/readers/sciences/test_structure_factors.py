@@ -19,7 +19,7 @@ from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.part_listing import parts_of
+from volsplat.mapshade_server.readers.open_volume import parts_of
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Image, ScalarTable, Scene, Tables
 from volsplat.protocol.description.volume import Box, Geometry
