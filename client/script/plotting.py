@@ -68,6 +68,12 @@ def render(
 ) -> RenderedFigure: ...
 
 
+@overload
+def render(
+    volume: Any, scene: Scene | Preset | str | None, step: Step | str, figure: Figure, **changes: Any
+) -> RenderedFigure: ...
+
+
 def render(
     volume: Any,
     scene: Scene | Preset | str | None = None,

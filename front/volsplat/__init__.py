@@ -7,7 +7,7 @@ vs.render(array, rotation="front").save("front.png")
 """
 
 import concurrent.futures.thread  # noqa: F401  what torch and zarr import, too: no thread can once the main one has ended
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from volsplat.client.figure.figure import Figure as Figure
@@ -88,16 +88,18 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        from importlib.metadata import version
+if not TYPE_CHECKING:  # to checkers it would give any name whatever, misspelt ones included
 
-        return version("volsplat")
-    if name not in _ROOMS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
+    def __getattr__(name: str) -> object:
+        if name == "__version__":
+            from importlib.metadata import version
 
-    return getattr(import_module(_ROOMS[name]), _OTHERWISE.get(name, name))
+            return version("volsplat")
+        if name not in _ROOMS:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
+
+        return getattr(import_module(_ROOMS[name]), _OTHERWISE.get(name, name))
 
 
 def __dir__() -> list[str]:
