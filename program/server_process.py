@@ -17,9 +17,8 @@ from volsplat.program.command_lines import Seconds
 from volsplat.program.counts import Counts
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, quick_end, status_of
 from volsplat.program.extras import need
-from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
-from volsplat.program.place_failures import place_failure
+from volsplat.program.system_failures import system_failure
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
@@ -225,11 +224,9 @@ def run_server(module: str, name: str, title: str, given: object = None) -> NoRe
     except (KeyboardInterrupt, click.Abort):
         _end(title, "interrupted", EXIT_INTERRUPTED)
     except Exception as error:
-        if (told := place_failure(error)) is not None:
-            _end(title, str(told), status_of(told))
-        if (line := load_failure(error)) is None:
+        if (told := system_failure(error)) is None:
             raise
-        _end(title, line, EXIT_BAD_INPUT)
+        _end(title, str(told), status_of(told))
     sys.exit(0)
 
 

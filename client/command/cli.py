@@ -31,8 +31,7 @@ def _status() -> int:
 
     from volsplat.client.command.commands import reading_modules, starts_servers, volsplat
     from volsplat.deploy.forked_servers import begin_ahead
-    from volsplat.program.load_failures import load_failure
-    from volsplat.program.place_failures import place_failure
+    from volsplat.program.system_failures import system_failure
     from volsplat.protocol.text.errors import VolsplatError
 
     if isinstance(sys.stdout, TextIOWrapper):  # a terminal that is not UTF-8 shows what it lacks as an escape
@@ -62,11 +61,9 @@ def _status() -> int:
     except SystemExit as error:
         return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else 0
     except Exception as error:
-        if (told := place_failure(error)) is not None:
-            return _told(str(told), status_of(told))
-        if (line := load_failure(error)) is None:
+        if (told := system_failure(error)) is None:
             raise
-        return _told(line, EXIT_BAD_INPUT)
+        return _told(str(told), status_of(told))
     return 0
 
 

@@ -16,7 +16,7 @@ from support.patience import PATIENCE
 from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.program.load_failures import load_failure
+from volsplat.program.system_failures import load_failure
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.session_messages import DescribeMachine
 

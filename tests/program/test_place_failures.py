@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from volsplat.program.place_failures import place_failure
+from volsplat.program.system_failures import place_failure
 from volsplat.protocol.text.errors import BadInput
 
 

@@ -1,15 +1,48 @@
-"""Want of memory, and libraries that cannot be loaded, mostly because of it: what the system says, in one line."""
+"""What the system refuses, wherever that shows: memory, libraries, files and folders; what it says, in one line."""
 
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterator
 from traceback import walk_tb
 
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.want_of_threads import CURE, NO_THREAD, is_want_of_processes, is_want_of_threads
 
 _FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", NO_THREAD, "bad_alloc")
 _SHARED_OBJECTS = (".so", ".dylib")
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # as for what is printed into a file
+_NO_WAY_IN = (errno.EACCES, errno.EPERM, errno.ELOOP, errno.ENAMETOOLONG, errno.ENOTDIR, errno.EROFS)
+
+
+def system_failure(error: BaseException) -> VolsplatError | None:
+    """The cause and the cure, for a person; None if the error is not the system's."""
+    line = load_failure(error)
+    return place_failure(error) or (None if line is None else BadInput(line))
+
+
+def place_failure(error: BaseException) -> VolsplatError | None:
+    """The cause and the cure if a place is full, closed to this user or gone, else None."""
+    if not isinstance(error, OSError):
+        return None
+    reason = os.strerror(error.errno or 0)
+    if error.errno in _NO_SPACE:
+        return VolsplatError(f"{error.filename or 'the output'} cannot be written: {reason}; write it elsewhere")
+    if error.errno in _NO_WAY_IN and error.filename is not None:
+        return BadInput(f"{error.filename}: cannot be reached ({reason}); check its name and its folder's permissions")
+    if isinstance(error, FileNotFoundError) and error.filename is None and not _is_somewhere():
+        return BadInput("the current folder is there no more; change to another one, as by cd ~")
+    return None
+
+
+def _is_somewhere() -> bool:
+    """Whether the current folder is there."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def load_failure(error: BaseException) -> str | None:
