@@ -23,6 +23,7 @@ class Scale(msgspec.Struct, frozen=True):
     name: str  # of the axes that it holds for, "" if it holds for all
     unit: str  # "" for what has none
     length: float  # in the volume's physical unit, of one `unit`
+    axis: int | None = None  # the grid axis, if it holds for one alone
 
 
 def scales_of(description: VolumeDescription) -> tuple[Scale, ...]:
@@ -33,12 +34,13 @@ def scales_of(description: VolumeDescription) -> tuple[Scale, ...]:
     if axes is None:
         if max(spacing) <= min(spacing) * (1 + ALIKE):
             return (Scale("", VOXELS, spacing[0]),)
-        return _joined(Scale(letter, VOXELS, step) for letter, step in zip("ijk", spacing, strict=True))
-    lengths = [axis.name for axis in axes if unit and _alike(axis.unit, unit)]
-    others = _joined(
-        _along(axis, step) for axis, step in zip(axes, spacing, strict=True) if not (unit and _alike(axis.unit, unit))
-    )
-    return (Scale(", ".join(lengths) if others else "", unit, 1.0), *others) if lengths else others
+        return _joined(Scale("ijk"[n], VOXELS, step, n) for n, step in enumerate(spacing))
+    lengths = [n for n, axis in enumerate(axes) if unit and _alike(axis.unit, unit)]
+    others = _joined(_along(axes[n], spacing[n], n) for n in range(3) if n not in lengths)
+    if not lengths:
+        return others
+    names = ", ".join(axes[n].name for n in lengths) if others else ""
+    return (Scale(names, unit, 1.0, lengths[0] if len(lengths) == 1 else None), *others)
 
 
 def scale_text(scale: Scale, amount: float) -> str:
@@ -54,8 +56,8 @@ def round_length(most: float) -> float:
     return max(candidate for candidate in candidates if candidate <= most)
 
 
-def _along(axis: GridAxis, spacing: float) -> Scale:
-    return Scale(axis.name, axis.unit, spacing if axis.step == 0 else spacing / abs(axis.step))
+def _along(axis: GridAxis, spacing: float, n: int) -> Scale:
+    return Scale(axis.name, axis.unit, spacing if axis.step == 0 else spacing / abs(axis.step), n)
 
 
 def _joined(scales: Iterable[Scale]) -> tuple[Scale, ...]:
@@ -64,7 +66,7 @@ def _joined(scales: Iterable[Scale]) -> tuple[Scale, ...]:
     for scale in scales:
         for n, same in enumerate(told):
             if same.unit == scale.unit and abs(scale.length / same.length - 1) < ALIKE:
-                told[n] = msgspec.structs.replace(same, name=f"{same.name}, {scale.name}")
+                told[n] = msgspec.structs.replace(same, name=f"{same.name}, {scale.name}", axis=None)
                 break
         else:
             told.append(scale)

@@ -21,7 +21,7 @@ from volsplat.client.figure.drawing import Anchor, Area, Ramp, Words
 from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.figure.layout import figure_extent, laid_out, sized
 from volsplat.client.figure.pointing_labels import place_of, why_never_labelled, why_unlabelled
-from volsplat.client.figure.scale_bars import bar_length
+from volsplat.client.figure.scale_bars import bar_length, seen_scales
 from volsplat.client.figure.side_marks import edge_marks
 from volsplat.client.figure.type_faces import width_of
 from volsplat.client.movie.key_frames import turntable
@@ -88,6 +88,25 @@ def test_a_scale_bar_is_as_long_as_its_length_lies_on_the_screen(
     start, end = place_of((0.0, 0.0, 0.0), scene, geometry), place_of(steps, scene, geometry)
     assert (end[0] - start[0], end[1] - start[1]) == pytest.approx((pixels, 0.0), rel=ROUNDING, abs=1e-6 * pixels)
     assert 0 < pixels < width
+
+
+@given(geometry=geometries(), rotation=quaternions, zoom=zooms)
+def test_a_bar_for_one_axis_is_as_long_as_that_lies_on_the_screen_and_there_is_none_along_the_line_of_sight(
+    geometry: Geometry, rotation: tuple[float, float, float, float], zoom: float
+) -> None:
+    axes = tuple(GridAxis(name, unit, 0.0, 2.0) for name, unit in (("x", "deg"), ("y", "deg"), ("v", "km/s")))
+    described = replace(HEAD, geometry=geometry, axes=axes, anatomical=False, up="+z", unit="deg")
+    scene = plain_scene(view=View(rotation=rotation, zoom=zoom, up="+z"), size=(500, 400))
+    seen = seen_scales(scene, described)
+    start, end = place_of((0.0, 0.0, 0.0), scene, geometry), place_of((0.0, 0.0, 1.0), scene, geometry)
+    along = matrices.applied(screen_rotation(scene.view), matrices.column(geometry.index_to_physical, 2))
+    degrees = math.degrees(math.atan2(math.hypot(along[0], along[1]), abs(along[2])))
+    assert ("v" in [scale.name for scale in seen]) == (degrees >= 20) or degrees == pytest.approx(20)
+    for scale in seen:
+        if scale.name == "v":
+            length, pixels = bar_length(scale, scene, described)
+            step = math.dist(start, end)
+            assert pixels == pytest.approx(length / 2.0 * step, rel=1e-4)
 
 
 @given(start=st.floats(-1e6, 1e6), span=st.floats(1e-3, 1e7), most=st.integers(2, 12))

@@ -1,5 +1,7 @@
 """What lengths in a picture are told in."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,17 +28,17 @@ COUNTED = (axis("time", "ms", 4), axis("crossline", "", 1), axis("inline", "", 2
     [
         (STEEP, "mm", None, [("", "mm", 1.0)]),
         (CUBIC, "", None, [("", "voxels", 1.0)]),
-        (STEEP, "", None, [("i, j", "voxels", 1.0), ("k", "voxels", 2.0)]),
-        (STEEP, "arcmin", SKY, [("RA, Dec", "arcmin", 1.0), ("velocity", "km/s", 0.5)]),
-        (STEEP, "m", SURVEY, [("crossline, inline", "m", 1.0), ("time", "ms", 0.25)]),
-        (STEEP, "", COUNTED, [("time", "ms", 0.25), ("crossline, inline", "", 1.0)]),
+        (STEEP, "", None, [("i, j", "voxels", 1.0), ("k", "voxels", 2.0, 2)]),
+        (STEEP, "arcmin", SKY, [("RA, Dec", "arcmin", 1.0), ("velocity", "km/s", 0.5, 2)]),
+        (STEEP, "m", SURVEY, [("crossline, inline", "m", 1.0), ("time", "ms", 0.25, 0)]),
+        (STEEP, "", COUNTED, [("time", "ms", 0.25, 0), ("crossline, inline", "", 1.0)]),
     ],
 )
 def test_each_kind_of_axis_or_of_spacing_has_a_scale(
     steps: tuple[tuple[float, float, float], ...],
     unit: str,
     axes: tuple[GridAxis, GridAxis, GridAxis] | None,
-    scales: list[tuple[str, str, float]],
+    scales: list[tuple[Any, ...]],
 ) -> None:
     geometry = Geometry(dims=(4, 5, 6), index_to_physical=steps)  # type: ignore[arg-type]
     described = VolumeDescription(name="v", format="f", geometry=geometry, scalar_type="uint8", unit=unit, axes=axes)

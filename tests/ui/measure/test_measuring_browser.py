@@ -63,7 +63,7 @@ def test_two_clicks_measure_a_distance_and_a_third_an_angle(shown: ShownViewport
 
 
 def scale(name: str, unit: str, length: float) -> dict[str, Any]:
-    return {"name": name, "unit": unit, "length": length}
+    return {"name": name, "unit": unit, "length": length, "axis": None}
 
 
 def axes(*named: tuple[str, str]) -> list[dict[str, Any]]:

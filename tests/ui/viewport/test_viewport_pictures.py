@@ -293,7 +293,10 @@ def rotation_called(view: str) -> Quaternion:
 
 EXACT = {"density_is": "", "strength_is": ""}  # of a told value
 REFERENCE = VOLUME["reference_spacing"]
-SCALES = [{"name": "RA, Dec", "unit": "arcmin", "length": 1.0}, {"name": "velocity", "unit": "km/s", "length": 0.25}]
+SCALES = [
+    {"name": "RA, Dec", "unit": "arcmin", "length": 1.0, "axis": None},
+    {"name": "velocity", "unit": "km/s", "length": 0.25, "axis": None},
+]
 
 
 def test_each_scale_has_a_bar_of_a_round_length(shown: ShownViewport) -> None:
@@ -305,6 +308,22 @@ def test_each_scale_has_a_bar_of_a_round_length(shown: ShownViewport) -> None:
     )
     expected = [length * VIEW["zoom"] / REFERENCE for length in (20, 25)]
     assert widths == pytest.approx(expected, abs=HALF_A_CSS_PIXEL)
+
+
+def test_a_bar_for_one_axis_is_as_long_as_that_lies_on_the_screen_and_there_is_none_along_the_line_of_sight(
+    shown: ShownViewport,
+) -> None:
+    shown.process.say({**VOLUME, "scales": [SCALES[0], {**SCALES[1], "axis": 2}]})
+    bar = shown.page.locator(".vs-scale:visible", has_text="velocity")
+    shown.show_and_wait(view={**VIEW, "rotation": named_view("top")})
+    expect(bar).to_have_count(0)
+    shown.show_and_wait(view=OBLIQUE)
+    expect(bar).to_have_count(1)
+    told = float(bar.inner_text().split()[1])
+    box = bar.locator(".vs-scale-bar").bounding_box()
+    assert box is not None
+    across = math.cos(math.radians(25))  # of the upright axis, at this elevation
+    assert box["width"] == pytest.approx(told * 0.25 * across * VIEW["zoom"] / REFERENCE, abs=HALF_A_CSS_PIXEL)
 
 
 def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> None:

@@ -1,6 +1,7 @@
 // Bars of round lengths, one for each scale that the volume needs.
 
 const LONGEST = 140; // CSS pixels
+const LEAST_ACROSS = Math.sin((20 * Math.PI) / 180); // of an axis: one that is nearer the line of sight has no bar
 const SHARE = 0.36; // of the picture's room, at most: the cube stands beside the bars
 
 /** @typedef {import("./viewport_messages.d.ts").Scale} Scale */
@@ -10,6 +11,11 @@ export function roundLength(most) {
   const power = 10 ** Math.floor(Math.log10(most));
   const factor = [5, 2, 1].find((step) => step * power <= most) ?? 1;
   return Number((factor * power).toPrecision(1));
+}
+
+/** The share of a step that lies on the screen. @param {import("./rotation.js").Vector} step */
+function acrossSight([x, y, z]) {
+  return Math.hypot(x, y) / Math.hypot(x, y, z);
 }
 
 export class ScaleBars {
@@ -25,10 +31,13 @@ export class ScaleBars {
     this.element.append(...this.#bars.map((bar) => bar.element));
   }
 
-  /** @param {number} zoom CSS pixels per reference spacing @param {number} width CSS pixels that the picture has */
-  draw(zoom, width) {
+  /**
+   * @param {number} zoom CSS pixels per reference spacing @param {number} width CSS pixels that the picture has
+   * @param {import("./camera.js").Projection} projection
+   */
+  draw(zoom, width, projection) {
     const longest = Math.min(LONGEST, SHARE * width);
-    for (const bar of this.#bars) bar.draw(zoom / this.#reference, longest);
+    for (const bar of this.#bars) bar.draw(zoom / this.#reference, longest, projection);
   }
 }
 
@@ -47,12 +56,20 @@ class ScaleBar {
     this.element.append(this.#bar, this.#text);
   }
 
-  /** @param {number} perLength CSS pixels of the volume's physical unit @param {number} longest CSS pixels */
-  draw(perLength, longest) {
-    const asked = `${perLength} ${longest}`;
+  /**
+   * As long as its axis lies on the screen, if it has one; not at all along the line of sight.
+   * @param {number} perLength CSS pixels of the volume's physical unit @param {number} longest CSS pixels
+   * @param {import("./camera.js").Projection} projection
+   */
+  draw(perLength, longest, projection) {
+    const { axis } = this.#scale;
+    const across = axis === null ? 1 : acrossSight(projection.step(axis));
+    const asked = `${perLength} ${longest} ${across}`;
     if (asked === this.#drawn) return; // a text that is set lays out the page, even if it is the same
     this.#drawn = asked;
-    const perUnit = perLength * this.#scale.length;
+    this.element.classList.toggle("vs-along-sight", across < LEAST_ACROSS);
+    if (across < LEAST_ACROSS) return;
+    const perUnit = perLength * this.#scale.length * across;
     const length = roundLength(longest / perUnit);
     const unit = this.#scale.unit === "voxels" && length === 1 ? "voxel" : this.#scale.unit;
     this.#bar.style.width = `${(length * perUnit).toFixed(1)}px`;

@@ -92,6 +92,7 @@ export interface Scale {
   name: string;
   unit: string;
   length: number;
+  axis: number | null;
 }
 
 /** The volume as it stands: its grid in upright axes, and what lies on its six sides. */
