@@ -80,6 +80,33 @@ def test_whatever_can_be_operated_has_a_name_and_sliders_have_values(page: Page)
     page.keyboard.press("s")
 
 
+def test_arrows_go_through_a_menu_and_round_it(page: Page) -> None:
+    def presses(key: str, *expected: str) -> None:
+        for words in expected:
+            page.keyboard.press(key)
+            page.wait_for_function("(words) => document.activeElement.innerText.includes(words)", arg=words)
+
+    for button, first, second, last in (
+        ("save", "image as PNG", "image as EXR", "movie"),
+        ("Presets", "from the data", "ct-skin", "seismic"),
+        ("Opacity: more", "Ramp up", "Ramp down", "Save as a file"),
+    ):
+        page.get_by_role("button", name=button).focus()
+        page.keyboard.press("Enter")
+        menu = page.get_by_role("menu")
+        page.wait_for_function("() => document.activeElement.closest('[role=menu]') !== null")
+        presses("ArrowDown", first, second)
+        presses("ArrowUp", first, last)
+        presses("ArrowDown", first)
+        page.keyboard.press("Escape")
+        menu.wait_for(state="hidden")
+        page.keyboard.press("Enter")
+        page.wait_for_function("() => document.activeElement.closest('[role=menu]') !== null")
+        presses("ArrowUp", last)
+        page.keyboard.press("Escape")
+        menu.wait_for(state="hidden")
+
+
 DURATIONS = """() => [...document.querySelectorAll("*")].map((part) => getComputedStyle(part))
     .flatMap((style) => [style.transitionDuration, style.animationDuration].join(", ").split(", "))"""
 

@@ -20,6 +20,14 @@ STYLE = STATIC / "controls" / "panels.css"
 # Colours that Quasar does not know, so that the style sheet alone decides.
 TOGGLE_PROPS = "dense no-caps unelevated toggle-color=vs toggle-text-color=vs"
 MOVING_INTERVAL = 0.25  # seconds between two updates of controls while the scene is not settled
+_ARROWS = """(event) => {
+    const way = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!way || event.target.matches("input")) return;
+    event.preventDefault();
+    const items = [...event.currentTarget.querySelectorAll('.q-item[tabindex="0"]')];
+    const now = items.indexOf(event.target.closest(".q-item"));
+    items.at(now >= 0 ? (now + way) % items.length : way > 0 ? 0 : -1)?.focus();
+}"""
 _styled: WeakSet[Client] = WeakSet()
 
 Edit = Callable[[Scene], Scene]
@@ -55,6 +63,13 @@ def pressable(text: str, action: Callable[[], object]) -> ui.button:
     """A framed button that can show that what it does is in force."""
     with ui.element("div").classes("vs-buttons vs-alone"):
         return ui.button(text, color=None, on_click=action).props("dense flat no-caps")
+
+
+def menu_by_arrows() -> ui.menu:
+    """A menu through which arrows go as well: Quasar leaves that to Tab."""
+    menu = ui.menu()
+    menu.on("keydown", js_handler=_ARROWS)
+    return menu
 
 
 def let_go_when_gone(model: SceneModel, by: str) -> None:

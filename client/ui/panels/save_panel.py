@@ -10,6 +10,7 @@ from functools import cache, partial
 
 from nicegui import context, ui
 
+from volsplat.client.ui.controls.controls import menu_by_arrows
 from volsplat.client.ui.controls.scene_upload import SceneUpload
 from volsplat.client.ui.doors.handed_files import hand_bytes
 from volsplat.client.ui.panels.figure_dialog import FigureDialog
@@ -43,7 +44,7 @@ def save_panel(viewing: Viewing, scenes: SceneUpload) -> None:
     figure = _built_when_opened(partial(FigureDialog, viewing, file_stem(viewing)))
     movie = _built_when_opened(partial(MovieDialog, viewing, file_stem(viewing)))
     with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
-        with ui.menu().props("auto-close"):
+        with menu_by_arrows().props("auto-close"):
             ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
             ui.menu_item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
             ui.menu_item("figure…", figure)

@@ -9,7 +9,7 @@ from functools import partial
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.controls.controls import SceneEditor, let_go_when_gone, title
+from volsplat.client.ui.controls.controls import SceneEditor, let_go_when_gone, menu_by_arrows, title
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
@@ -83,7 +83,7 @@ class TablesPanel:
                     maps = ColourMapList(self._take_colours)
                 place.on("before-show", maps.fill)
             with ui.button("Presets", icon="palette").props("flat dense no-caps").classes("vs-quiet-button"):
-                with ui.menu().classes("vs-menu") as self._preset_place:
+                with menu_by_arrows().classes("vs-menu") as self._preset_place:
                     self._preset_menu = PresetMenu(self._presets, self._take_whole)
                 self._preset_place.on("before-show", lambda: self._preset_menu.show(self._model.scene))
         with ui.element("div").classes("vs-row"):
@@ -115,7 +115,11 @@ class TablesPanel:
             on_change=lambda table, settled: self._change(which, lambda _: table, settled),
             on_file=lambda name, text: self._load(which, name, text),
         )
-        with editor, _icon_button("more_vert", f"{TABLE_WORDS[which]}: more"), ui.menu().classes("vs-menu") as menu:
+        with (
+            editor,
+            _icon_button("more_vert", f"{TABLE_WORDS[which]}: more"),
+            menu_by_arrows().classes("vs-menu") as menu,
+        ):
             edits: dict[str, Callable[[Table], Table]] = {
                 "Ramp up": ramp,
                 "Ramp down": partial(ramp, rising=False),
@@ -130,7 +134,7 @@ class TablesPanel:
             ui.separator()
             with ui.menu_item("From a preset", auto_close=False):
                 ui.icon("chevron_right")
-                with ui.menu().props('anchor="top start" self="top end"').classes("vs-menu") as presets:
+                with menu_by_arrows().props('anchor="top start" self="top end"').classes("vs-menu") as presets:
                     presets.on("hide", menu.close)
             menu.on("before-show", partial(self._list_presets, which, presets))
             ui.separator()
