@@ -22,14 +22,13 @@ from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.addresses import plain_host
 from volsplat.protocol.wire.channel import Channel, PlainChannel, unsent
-from volsplat.protocol.wire.delivery import Delivery, delivery
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
 from volsplat.protocol.wire.peer import Counters, Peer
-from volsplat.protocol.wire.round_trip import round_trip
 from volsplat.protocol.wire.signs_of_life import LeaveSigns, SignsOfLife
 from volsplat.protocol.wire.socket_options import lose_after, set_options
+from volsplat.protocol.wire.tcp_info import Delivery, delivery, round_trip
 from volsplat.protocol.wire.tls_channel import TlsChannel
 
 if TYPE_CHECKING:
