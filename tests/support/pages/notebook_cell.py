@@ -19,16 +19,21 @@ if TYPE_CHECKING:
 
 ADDRESS = "http://hub.example/"  # not by HTTPS, as many a hub
 _RENDER = """async ([source, traits, css, inShadow]) => {
-  const listeners = [];
+  const listeners = { "msg:custom": [], comm_live_update: [] };
   window.fromKernel = (content, buffers) => {
     const views = buffers.map((text) => new DataView(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer));
-    for (const listener of listeners) listener(content, views);
+    for (const listener of listeners["msg:custom"]) listener(content, views);
+  };
+  let toKernel = window.toKernel;
+  window.endKernel = (isTold) => {
+    toKernel = () => { throw new Error("Cannot send"); };
+    if (isTold) for (const listener of listeners.comm_live_update) listener();
   };
   const model = {
     get: (name) => traits[name],
-    send: (content) => window.toKernel(content),
-    on: (_, listener) => listeners.push(listener),
-    off: (_, listener) => listeners.splice(listeners.indexOf(listener), 1),
+    send: (content) => toKernel(content),
+    on: (name, listener) => listeners[name].push(listener),
+    off: (name, listener) => listeners[name].splice(listeners[name].indexOf(listener), 1),
   };
   const module = await import(URL.createObjectURL(new Blob([source], { type: "text/javascript" })));
   const cell = document.getElementById("cell"), root = inShadow ? cell.attachShadow({ mode: "open" }) : cell;
@@ -48,6 +53,7 @@ class NotebookCell:
 
     def __init__(self, page: Page, session: Session, in_shadow: bool = False, **options: Any) -> None:
         self.page = page
+        self._restarted = False
         self._said: queue.SimpleQueue[tuple[Any, list[str]]] = queue.SimpleQueue()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="kernel", daemon=True)
@@ -78,9 +84,15 @@ class NotebookCell:
 
         wait_until(carried, "shown in the notebook")
 
+    def restart_kernel(self, is_told: bool) -> None:
+        """From here on nobody hears the view, and Jupyter tells it of that or not."""
+        self._restarted = True
+        self.page.evaluate("(isTold) => window.endKernel(isTold)", is_told)
+
     def close(self) -> None:
         self.page.evaluate("() => window.endView()")
-        wait_until(lambda: self.kernel(lambda: self.widget._views == {}), "closed in the kernel as well")
+        if not self._restarted:
+            wait_until(lambda: self.kernel(lambda: self.widget._views == {}), "closed in the kernel as well")
         self.kernel(self.widget.close)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(PATIENCE)

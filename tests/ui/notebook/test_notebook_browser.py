@@ -103,3 +103,17 @@ def test_labels_cannot_be_refined_to_g_and_say_why(browser_page: Page, tmp_path:
             to_g = cell.page.get_by_role("button", name="refine to G")
             cell.until(lambda: drawn(cell) and to_g.is_disabled())
             assert "labels.nrrd holds the whole numbers 0 to 4" in (to_g.get_attribute("title") or "")
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_viewport_whose_kernel_was_restarted_says_so(told: bool, browser_page: Page, session: Session) -> None:
+    with notebook_cell(browser_page, session, controls=True, height=600) as cell:
+        cell.until(lambda: drawn(cell) and cell.page.locator(".vs-table").count() == 4)
+        trouble = cell.page.locator(".vs-trouble")
+        assert not trouble.is_visible()
+        cell.restart_kernel(is_told=told)
+        if not told:
+            cell.page.locator(OPACITY).get_by_role("slider").last.press("ArrowUp")
+        cell.until(trouble.is_visible)
+        assert "the kernel was restarted, or has ended; run this cell again" in trouble.inner_text()
+        cell.page.locator(".vs-viewport canvas").press("ArrowLeft")  # and the page raises nothing

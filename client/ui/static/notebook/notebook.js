@@ -14,23 +14,43 @@ function linked(sources) {
   };
 }
 
+const RESTARTED = "the kernel was restarted, or has ended; run this cell again";
+
 /** What Viewport talks through. */
 class WidgetTransport {
   constructor(model) {
     this.model = model;
     this.view = crypto.getRandomValues(new Uint32Array(4)).join("-"); // randomUUID is for pages by HTTPS alone
+    this.heard = true; // as long as the kernel hears us
     this.listeners = { message: (_message) => {}, picture: (_header, _bytes) => {}, state: (_state) => {} };
     this.received = (content, buffers) => {
       if (content.view !== this.view || content.controls) return;
       if (content.text !== null) this.listeners.message(JSON.parse(content.text));
       else this.takePicture(new Uint8Array(buffers[0].buffer, buffers[0].byteOffset, buffers[0].byteLength));
     };
+    this.ended = () => this.lost();
     model.on("msg:custom", this.received);
+    model.on("comm_live_update", this.ended); // Jupyter's own word
   }
 
   open() {
-    this.model.send({ view: this.view, text: null });
-    this.listeners.state({ connected: true, anew: true, text: "" });
+    this.tell({ text: null });
+    if (this.heard) this.listeners.state({ connected: true, anew: true, text: "" });
+  }
+
+  /** To the kernel: once it is another one, which knows nothing of the widget, notebooks throw at that. */
+  tell(content) {
+    if (!this.heard) return;
+    try {
+      this.model.send({ view: this.view, ...content });
+    } catch {
+      this.lost();
+    }
+  }
+
+  lost() {
+    this.heard = false;
+    this.listeners.state({ connected: false, text: RESTARTED });
   }
 
   takePicture(bytes) {
@@ -39,24 +59,25 @@ class WidgetTransport {
     this.listeners.picture(header, bytes.subarray(4 + length));
   }
 
-  send(object) { this.model.send({ view: this.view, text: JSON.stringify(object) }); }
+  send(object) { this.tell({ text: JSON.stringify(object) }); }
   onmessage(listener) { this.listeners.message = listener; }
   onpicture(listener) { this.listeners.picture = listener; }
   onstate(listener) { this.listeners.state = listener; }
   close() {
     this.model.off("msg:custom", this.received);
-    this.model.send({ view: this.view, closed: true });
+    this.model.off("comm_live_update", this.ended);
+    this.tell({ closed: true });
   }
 }
 
 /** The controls in an element of their own. @returns {Promise<() => void>} what ends them */
-async function beside(cell, imported, model, view) {
+async function beside(cell, imported, model, transport) {
   const host = document.createElement("div");
   host.className = "vs-notebook-controls";
   cell.append(host);
   const { NotebookControls } = await imported("notebook/notebook_controls.js");
-  const controls = new NotebookControls(host, (said) => model.send({ view, controls: said }));
-  const received = (content) => content.view === view && content.controls && controls.show(content.controls);
+  const controls = new NotebookControls(host, (said) => transport.tell({ controls: said }));
+  const received = (content) => content.view === transport.view && content.controls && controls.show(content.controls);
   model.on("msg:custom", received);
   return () => { model.off("msg:custom", received); controls.close(); };
 }
@@ -80,7 +101,7 @@ export default {
     const { Viewport } = await imported("viewport/viewport.js");
     const transport = new WidgetTransport(model);
     const viewport = new Viewport(host, transport);
-    const end = model.get("controls") ? await beside(cell, imported, model, transport.view) : () => {};
+    const end = model.get("controls") ? await beside(cell, imported, model, transport) : () => {};
     release();
     transport.open();
     return () => { end(); viewport.close?.(); transport.close(); };
