@@ -16,7 +16,7 @@ from volsplat.client.histogram.density_histogram import (
 from volsplat.client.histogram.value_counts import ValueCounts
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Field
-from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.description.volume import HOUNSFIELD, Geometry, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import Up, upright
 from volsplat.protocol.rules.index_rules import Survey
@@ -24,7 +24,6 @@ from volsplat.protocol.rules.index_rules import Survey
 FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 SLAB = 0.25  # of the next longer side: what is no thicker is a slab
-HOUNSFIELD = "HU"
 
 
 @dataclass(frozen=True)

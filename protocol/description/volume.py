@@ -197,6 +197,18 @@ def _reference_spacing(index_to_physical: Matrix) -> float:
     return matrices.cube_root(abs(matrices.determinant(index_to_physical)))
 
 
+HOUNSFIELD, CT_NUMBER = "HU", "CT number"
+VALUE_NAMES = {  # what values are called that are no density
+    Kind.UNKNOWN: "value",
+    Kind.SCAN: "value",
+    Kind.MR: "signal",
+    Kind.STATISTIC_MAP: "statistic",
+    Kind.LABELS: "label",
+    Kind.PATTERSON: "Patterson function",
+    Kind.WAVE_FUNCTION: "wave function",
+}
+
+
 class GridAxis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the indices of one grid axis stand for, where that is more than a length: inlines, time, velocity, ...
 
@@ -229,7 +241,7 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     kind_from: str = ""  # what in the file states the kind; "" where nothing does
     bands: tuple[Band, ...] = ()  # what the values mean, where they are classes; they do not overlap
     up: Up | None = None  # the physical axis that points up, None where the file does not tell; superior of a patient
-    density_name: str = ""  # what the packet's first byte holds; by default "label" of labels, "density" of others
+    density_name: str = ""  # what the packet's first byte holds; by default what one calls it of this kind
     strength_name: str = "gradient strength"  # what its second byte holds
     second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
     reads_sub_cubes: bool = True  # False: one server reads the whole file, and the others get theirs from it
@@ -245,7 +257,7 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         if self.anatomical and self.up is None:
             msgspec.structs.force_setattr(self, "up", "+z")
         if not self.density_name:
-            name = "label" if self.kind is Kind.LABELS else "density"
+            name = CT_NUMBER if self.value_unit == HOUNSFIELD else VALUE_NAMES.get(self.kind, "density")
             msgspec.structs.force_setattr(self, "density_name", name)
         if self.second_scalar is not None:
             low, high = self.second_scalar

@@ -55,10 +55,18 @@ def nifti(path: Path, intent: int = 0) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("intent", "kind"), [(0, Kind.UNKNOWN), (3, Kind.STATISTIC_MAP), (24, Kind.STATISTIC_MAP), (1002, Kind.LABELS)]
+    ("intent", "kind", "values"),
+    [
+        (0, Kind.UNKNOWN, "value"),
+        (3, Kind.STATISTIC_MAP, "t statistic"),
+        (5, Kind.STATISTIC_MAP, "z statistic"),
+        (24, Kind.STATISTIC_MAP, "statistic"),
+        (1002, Kind.LABELS, "label"),
+    ],
 )
-def test_nifti_states_its_intent(tmp_path: Path, intent: int, kind: Kind) -> None:
-    assert kind_of(nifti(tmp_path / "volume.nii", intent))[0] is kind
+def test_nifti_states_its_intent(tmp_path: Path, intent: int, kind: Kind, values: str) -> None:
+    described = open_volume(str(nifti(tmp_path / "volume.nii", intent))).describe()
+    assert (described.kind, described.density_name) == (kind, values)
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_it_tells_all_that_is_known() -> None:
     text = printed(description(((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 5.0))))
     for part in ("study (DICOM series)", "10 x 20 x 5", "0.5 x 0.5 x 5 mm", "LPS", "int16", "-1024 to 782", "none"):
         assert part in text
-    assert "density: -500 becomes 0, 700 becomes 255" in text
+    assert "value: -500 becomes 0, 700 becomes 255" in text
     assert "gradient strength" in text and "only their sub-cube" in text and "█" in text
 
 

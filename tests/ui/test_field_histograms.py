@@ -64,7 +64,7 @@ def test_density_is_counted_by_its_bytes_under_the_scenes_window(
     assert histogram == tuple(expected)
     axis = field_axis(volume, Field.DENSITY, quantise)
     assert (axis.low, axis.high) == rules.window
-    assert axis.label == "density"
+    assert axis.label == "value"
 
 
 @given(counts=some_counts)

@@ -195,7 +195,7 @@ def _of_itk(part: ArrayPart, group: Any) -> Hdf5Image:
     steps, origin = _numbers(group["Spacing"][:], axes)[:3], _numbers(group["Origin"][:], axes)[:3]
     geometry = checked_geometry(Path(part.place), dims[:3], directions.T * steps, origin)
     frame = _chosen(part, "t", dims[3], []) if axes == 4 else None
-    return Hdf5Image(data.name, "ITK image in HDF5", geometry, "density", frame, unit="mm", anatomical=True)
+    return Hdf5Image(data.name, "ITK image in HDF5", geometry, "", frame, unit="mm", anatomical=True)
 
 
 # -- Imaris
@@ -229,7 +229,7 @@ def _of_imaris(part: ArrayPart, file: Any) -> Hdf5Image:
         path=group["Data"].name,
         format=f"Imaris, level {level} of {levels}",
         geometry=checked_geometry(Path(part.place), dims, np.diag(steps), origin),
-        density_name=names[channel] if channel < len(names) and names[channel] else "density",
+        density_name=names[channel] if channel < len(names) else "",
         unit=known.symbol if known else unit,
         parts=() if named or "level" in part.options else _levels(part, file["DataSet"], levels, time, channel),
     )

@@ -173,7 +173,7 @@ def _reader(part: ArrayPart, array: ArrayFile, pick: Pick, why_whole: str = "") 
         grid,
         values,
         pick,
-        density_name=part.path or "density",
+        density_name=part.path,
         chunk=_chunk(grid, array),
         why_whole=why_whole,
         parts=(),

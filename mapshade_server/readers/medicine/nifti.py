@@ -33,6 +33,7 @@ SCALAR_TYPES = {
 }
 INTENT_LABEL = 1002
 INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
+STATISTICS = {2: "correlation", 3: "t statistic", 4: "F statistic", 5: "z statistic", 6: "chi-squared statistic"}
 NO_SIDES = "the file states neither sform nor qform: left and right cannot be told"
 OTHER_HAND = "its sform and qform disagree on what is left and what is right; the sform is followed"
 FLAT_SFORM = "its sform spans no space; the qform is followed"
@@ -71,6 +72,7 @@ def open_nifti(path: Path, part: str = "") -> OpenedVolume:
         warnings=(*header.start_told, *warnings, *([NO_UNIT] if anatomical and unit_code == 0 else [])),
         kind=kind,
         kind_from=kind_from,
+        density_name=STATISTICS.get(_intent(header), ""),
         **voxels.access,
     )
 
@@ -80,8 +82,12 @@ def open_nifti(path: Path, part: str = "") -> OpenedVolume:
     return OpenedVolume(description, read if scaled else voxels.read, voxels.files, parts=())
 
 
+def _intent(header: NiftiHeader) -> int:
+    return int(header.values("intent")[0])
+
+
 def _kind(path: Path, header: NiftiHeader) -> tuple[Kind, str]:
-    intent = int(header.values("intent")[0])
+    intent = _intent(header)
     if intent == INTENT_LABEL:
         return Kind.LABELS, f"its intent {intent}, labels"
     if intent in INTENT_STATISTICS:

@@ -68,7 +68,7 @@ def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
         geometry=checked_geometry(folder, dims, steps or (1.0, 1.0, 1.0)),
         scalar_type=first.dtype,
         unit=said.options.get("unit", ""),
-        density_name=first.channels[channel] if len(_colours(first)) > 1 else "density",
+        density_name=first.channels[channel] if len(_colours(first)) > 1 else "",
         warnings=() if steps else (NO_SIZES,),
         why_whole="each picture is decoded down to the last row of the box",
     )

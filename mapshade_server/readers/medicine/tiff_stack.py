@@ -256,7 +256,7 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
         geometry=placed(path, place, packing, dims),
         scalar_type=scalar_type,
         unit=place.unit,
-        density_name=chosen.channel or "density",
+        density_name=chosen.channel or "",
         warnings=(*chosen.warnings, *place.warnings, *_told_of_values(pages[0])),
         chunk=raw.chunk if raw is not None else (*pages[0].segment, 1),
     )

@@ -64,7 +64,7 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
         format=f"VTK {kind}{', values of cells' if array.of_cells else ''}",
         geometry=geometry,
         scalar_type=scalar_type,
-        density_name=array.name or "density",
+        density_name=array.name,
         warnings=warnings,
         reads_sub_cubes=not array.why_whole,
         chunk=(geometry.dims[0], 1, 1),

@@ -137,10 +137,10 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
 def _density_name(found: FoundArray, axes: list[ArrayAxis], grid: ArrayGrid, attributes: Json) -> str:
     """What an image's channel or an array is called."""
     if found.image is None:
-        return text_attribute(attributes, "long_name") or found.part.path.rpartition("/")[2] or "density"
+        return text_attribute(attributes, "long_name") or found.part.path.rpartition("/")[2]
     channels = [n for axis, n in zip(axes, grid.indices, strict=True) if axis.name == "c" and n is not None]
     names = [name for n in channels for name in found.image.channels[n : n + 1] if name]
-    return names[0] if names else "density"
+    return names[0] if names else ""
 
 
 def _coordinates(found: FoundArray) -> list[Coordinates]:

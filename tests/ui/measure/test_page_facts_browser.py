@@ -108,8 +108,8 @@ def test_a_value_beyond_the_window_is_the_files_own(head_page: Page, volume: Pat
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     value = page.locator(".vs-value")
-    expect(value).to_have_text(re.compile(r"^density -?[0-9.e]+ ·"))  # and neither ≈ nor ≥
-    told = re.search(r"^density (\S+) .* at \((\d+), (\d+), (\d+)\)$", value.text_content() or "")
+    expect(value).to_have_text(re.compile(r"^value -?[0-9.e]+ ·"))  # and neither ≈ nor ≥
+    told = re.search(r"^value (\S+) .* at \((\d+), (\d+), (\d+)\)$", value.text_content() or "")
     assert told is not None
     i, j, k = map(int, told.groups()[1:])
     own = values[k, j, i]
