@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from volsplat.client.caller.arguments import checked_number
-from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
+from volsplat.client.scene.table_makers import GLOW, dimmed
 from volsplat.program.extras import need
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable
 from volsplat.protocol.text.errors import BadInput
@@ -72,8 +72,11 @@ def _along(of: Any, count: int) -> list[tuple[float, Colour]]:
 
 
 def lit_and_glowing(table: ColourTable) -> LitAndGlowing:
-    """The colours of a map for both tables of colours, such that nothing is lighter than the map itself."""
-    return LitAndGlowing(dimmed(table, GLOW), dimmed(table, REFLECTION))
+    """A map's colours for both tables of colours, which make the map itself where a surface faces the light.
+
+    Elsewhere they are darker, and lighter only by highlights.
+    """
+    return LitAndGlowing(dimmed(table, GLOW), dimmed(table, 1.0 - GLOW))
 
 
 def colormap_names() -> ColourMapNames:

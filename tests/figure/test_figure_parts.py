@@ -25,6 +25,7 @@ from volsplat.client.figure.scale_bars import bar_length, seen_scales
 from volsplat.client.figure.side_marks import edge_marks
 from volsplat.client.figure.type_faces import width_of
 from volsplat.client.movie.key_frames import turntable
+from volsplat.client.scene.colour_maps import colormap, lit_and_glowing
 from volsplat.client.volume.scales import scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
@@ -178,12 +179,22 @@ def test_colours_that_differ_by_a_factor_share_a_strip_and_others_have_one_each(
     assert [strip.name for strip in bar.strips] == [""]
     assert bar.strips[0].colours[-1] == pytest.approx((0.9, 0.9, 0.45))
     assert (bar.axis.low, bar.axis.high) == surveyed().automatic_window
-    assert bar.headings(400, 11) == ["density (HU); curve: opacity, 0 to 0.4"]
-    assert bar.headings(200, 11) == ["density (HU)", "curve: opacity, 0 to 0.4"]
+    assert bar.headings(400, 11) == ["CT number (HU); curve: opacity, 0 to 0.4"]
+    assert bar.headings(200, 11) == ["CT number (HU)", "curve: opacity, 0 to 0.4"]
     assert bar.height(200, 11) > bar.height(400, 11)
     black = replace(SCENE.tables, emit=ColourTable(points=((0.0, (0.0, 0.0, 1.0)),)))
     (bar,) = colour_bars(replace(SCENE, tables=black), surveyed()).bars
     assert [strip.name for strip in bar.strips] == ["emitted", "reflected"]
+
+
+@pytest.mark.parametrize("name", ["viridis", "gray", "coolwarm"])
+def test_the_bar_of_a_colour_map_has_its_own_colours(name: str) -> None:
+    of = colormap(name)
+    both = lit_and_glowing(of)
+    tables = replace(SCENE.tables, emit=both.emit, refl=both.refl)
+    (bar,) = colour_bars(replace(SCENE, tables=tables), surveyed()).bars
+    (strip,) = bar.strips
+    assert np.array(strip.colours) == pytest.approx(np.array(list(of.entries())), abs=ROUNDING)
 
 
 def test_a_table_along_an_axis_of_the_file_is_told_in_what_that_stands_for() -> None:
