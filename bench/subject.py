@@ -125,9 +125,7 @@ class Shares:
 
 def shares(renderer: Renderer, scene: Scene) -> Shares:
     """Counted by drawing: back to front every visible sample is sent, front to back the hidden ones are reported."""
-    voxels = 1
-    for count in renderer.volume.description.geometry.dims:
-        voxels *= count
+    voxels = renderer.volume.description.geometry.box.voxels
     sent = {}
     for order in (Order.BACK_TO_FRONT, Order.FRONT_TO_BACK):
         outcome = renderer.finish(msgspec.structs.replace(scene, order=order)).outcome

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from volsplat.client.command.choices import Words
-from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
+from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, output_option, volume_argument
 from volsplat.client.command.opened_volume import tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
@@ -32,13 +32,7 @@ PROGRESS_STEPS = 100
 @volume_argument
 @headed(
     FILES,
-    click.option(
-        "-o",
-        "--output",
-        type=click.Path(path_type=Path),
-        required=True,
-        help="Gaussians (.ply), or a mesh (.stl, .glb or .obj; extra [export]).",
-    ),
+    output_option("Gaussians (.ply), or a mesh (.stl, .glb or .obj; extra [export])."),
 )
 @headed(
     "What is exported",

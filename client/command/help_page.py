@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -66,3 +67,7 @@ volume_argument = click.argument("volume", shell_complete=complete_files)
 volumes_argument = click.argument(
     "volumes", nargs=-1, required=True, metavar="VOLUME...", shell_complete=complete_files
 )
+
+
+def output_option(told: str, required: bool = True) -> Callable[[Command], Command]:
+    return click.option("-o", "--output", type=click.Path(path_type=Path), required=required, help=told)

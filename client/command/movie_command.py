@@ -15,7 +15,7 @@ import click
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
-from volsplat.client.command.help_page import FILES, SCENE, headed, helped, volumes_argument
+from volsplat.client.command.help_page import FILES, SCENE, headed, helped, output_option, volumes_argument
 from volsplat.client.command.opened_volume import opened_quietly
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
@@ -43,13 +43,7 @@ FRAMES = 120
 @volumes_argument
 @headed(
     FILES,
-    click.option(
-        "-o",
-        "--output",
-        type=click.Path(path_type=Path),
-        required=True,
-        help="Film (.mp4 or .webm, by ffmpeg), or a folder for numbered PNG images.",
-    ),
+    output_option("Film (.mp4 or .webm, by ffmpeg), or a folder for numbered PNG images."),
 )
 @trace_option
 @headed(

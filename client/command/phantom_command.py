@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from volsplat.client.command.choices import Words
-from volsplat.client.command.help_page import helped
+from volsplat.client.command.help_page import helped, output_option
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.command.side_console import SideConsole
@@ -35,7 +35,7 @@ NRRD is written while it is made, in little memory, whatever the size.
 
 @helped("volsplat phantom head -o head.nrrd", "volsplat phantom shells -o shells.mha --size 256", text=HELP)
 @click.argument("name", metavar="NAME", type=Words(sorted(PHANTOMS)))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
+@output_option(".nrrd, .nhdr, .mha, .mhd, .nii…")
 @click.option("--size", metavar="N|IxJxK", help="Voxels along each axis, as 256 or 48x64x56.")
 @click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, help="Of the noise (0).")

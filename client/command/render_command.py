@@ -9,7 +9,7 @@ import click
 
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
-from volsplat.client.command.help_page import FILES, SCENE, headed, helped, volume_argument
+from volsplat.client.command.help_page import FILES, SCENE, headed, helped, output_option, volume_argument
 from volsplat.client.command.opened_volume import opened
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.render_outputs import Outputs, step_image_path
@@ -43,9 +43,7 @@ PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the serve
 @volume_argument
 @headed(
     FILES,
-    click.option(
-        "-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif, .exr, .svg or .pdf."
-    ),
+    output_option("Image file: .png, .jpg, .tif, .exr, .svg or .pdf.", required=False),
     click.option("--steps-dir", type=click.Path(path_type=Path), help="Folder for every step up to --step."),
     click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON."),
 )
