@@ -114,6 +114,11 @@ class HeldVolume:
         self._ahead.drop()
         self._lent, self._again, self._passed, self.assignment = None, None, None, 0
 
+    def let_go(self) -> None:
+        """Nothing is asked any more."""
+        self._drop()
+        self._budget.taken()
+
     @property
     def packed_bytes(self) -> int:
         return sum(4 * cube.box.voxels for cubes in self._levels.values() for cube in cubes)

@@ -26,5 +26,6 @@ def why_empty(image: NDArray[np.float32], scene: Scene) -> str:
         return "nothing is visible: the modulation table is 0 everywhere; raise it, or switch modulation off"
     return (
         "nothing is visible: the tables leave all of the volume transparent that is within the bounds and the image; "
-        "raise the opacity, or reset the view and the bounds"
+        "raise the opacity, set the density window to the range of the values (of a mask 0 to 1), or reset the view "
+        "and the bounds"
     )

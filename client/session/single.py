@@ -68,7 +68,7 @@ from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.slabs import slabs_of
@@ -136,7 +136,8 @@ class SingleProcess(Renderer):
         self._file_voxels = FileVoxels()
         self._depths = BlockDepths()
         self._holding = VolumeHolding()
-        self._drawing = threading.RLock()  # guards what is held and which frame is the newest
+        self._drawing = threading.RLock()  # guards what is held, which frame is the newest, and what follows
+        self._closed = False
         left = budgets({WORKER: available_memory()}, {WORKER: "here"})
         self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
         self._frame = 0  # the newest
@@ -198,6 +199,7 @@ class SingleProcess(Renderer):
         """What the voxels tell that are held for the scene. Raises BadInput."""
         question = question_for(asked(ASKED), self.volume)
         with self._drawing, computable():
+            self._check_open()
             self._packed(question.asked.scene, Step.F)
             request = question.request(self._holding)
             sub_cubes = self._held.sub_cubes_asked(request)
@@ -210,6 +212,7 @@ class SingleProcess(Renderer):
         scene, every = checked_scene(scene), checked_count(every, "every")
         scene = self.volume.settled(scene)
         with self._drawing, computable():
+            self._check_open()
             self._packed(scene, Step.F)
             finest = self._holding.finest()
             drawing, sub_cubes = self._holding.drawing(scene, Step.F, finest), self._held.sub_cubes(finest.level)
@@ -260,6 +263,7 @@ class SingleProcess(Renderer):
         """Have the threads draw it, and nothing else any more; the lock is held. Raises BadInput."""
         began = time.perf_counter()
         self._opened_by.check()
+        self._check_open()
         self.volume.check_step(step)
         scene = self.volume.settled(scene)
         self._frame += 1
@@ -346,10 +350,17 @@ class SingleProcess(Renderer):
             self._holding.refused(WORKER, type(message).__name__, self._held.assignment)
             raise
 
+    def _check_open(self) -> None:
+        if self._closed:
+            raise PeerLost("the session is closed")
+
     def close(self) -> None:
-        """End the threads, unless this process was forked and has none."""
+        """End the threads, unless this process was forked and has none, and let go of what is held of the volume."""
         if not self._opened_by.is_here:
             return
-        self._owners.close()
+        with self._drawing:
+            self._closed = True
+            self._owners.close()
+            self._held.let_go()
         if self._tracer is not None:
             self._tracer.close()

@@ -50,3 +50,13 @@ def test_a_view_past_the_volume_is_told_of(tmp_path: Path) -> None:
     )
     assert done.returncode == 0
     assert "note: nothing is visible" in done.stderr and "reset the view" in done.stderr
+
+
+def test_a_mask_that_a_preset_leaves_transparent_is_told_a_window_that_shows_it(tmp_path: Path) -> None:
+    mask = np.zeros((12, 12, 12), np.uint8)
+    mask[3:9, 3:9, 3:9] = 1
+    np.save(tmp_path / "mask.npy", mask)
+    asked = ("render", "mask.npy", "-o", "mask.png", "--single", "--size", "32x32", "--preset", "depth-cue")
+    told = Person(tmp_path).runs(*asked)
+    assert "nothing is visible" in told.stderr and "of a mask 0 to 1" in told.stderr
+    assert "nothing is visible" not in Person(tmp_path).runs(*asked, "--window", "0,1").stderr

@@ -362,3 +362,15 @@ def test_a_forked_process_is_told_to_open_its_own_and_takes_nothing_from_its_par
     forked.join(PATIENCE)
     assert forked.exitcode == 0
     assert torch.equal(opened.render(skin(opened)), whole)
+
+
+def test_a_closed_single_process_holds_nothing_and_says_that_it_is_closed(head: Path) -> None:
+    single = SingleProcess(head)
+    scene = single.volume.default_scene()
+    assert single.finish(scene).complete and single._held.packed_bytes
+    single.close()
+    single.close()
+    assert single._held.packed_bytes == 0
+    for ask in (single.finish, lambda scene: list(single.refine(scene)), lambda scene: single.probe(scene, 1, 1)):
+        with pytest.raises(PeerLost, match="^the session is closed$"):
+            ask(scene)
