@@ -34,6 +34,7 @@ NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
 LIKE_A_FILL_VALUE = 1e15  # 1e20, 9.97e36 and 3.4e38 are in use; hardly any data reaches as far
 MASK = 2  # values: what lies between is how near the one surface is
 NEARLY_ALL = 0.95  # of the voxels, in the first and the last of the survey's bins
+TINY = 1e-150  # products of gradients below it are lost in float64
 EXACT_INTEGERS = 2.0**53  # float64, in which all is computed, has not each of those beyond
 _MARK_IT = "mark it so (NaN, a fill value)"
 
@@ -195,6 +196,9 @@ class SurveyedVolume:
             if self.description.scalar_type in ("int64", "uint64") and abs(self.survey.low) >= EXACT_INTEGERS:
                 told = "none differs from it by what can be told apart beyond 2^53; subtract the least before saving"
             return [f"every voxel has the value {self.survey.low:.7g}: {told}"]
+        span = self.survey.high - self.survey.low
+        if span < TINY and self.survey.max_gradient < TINY:
+            return [f"values that differ by {span:.2g} at most get little light or none: multiply them before saving"]
         extreme, counted = max(self.survey.low, self.survey.high, key=abs), self.survey.counted
         if counted is not None:
             told = f"all others have {counted.low:.5g} to {counted.high:.5g}, and it is drawn as an end of that"

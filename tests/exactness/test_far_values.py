@@ -95,3 +95,10 @@ def test_labels_and_whole_numbers_that_bins_tell_apart_are_counted_once() -> Non
     assert narrower(values, "uint16") is None
     assert narrower(values, "int32", Kind.LABELS) is None
     assert narrower(values) is not None
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1e-100, False), (1e-200, True)])
+def test_values_too_small_for_light_are_told_of(scale: float, told: bool, tmp_path: Path) -> None:
+    np.save(tmp_path / "ball.npy", noisy_ball().astype(np.float64) * scale)
+    with SingleProcess(tmp_path / "ball.npy") as single:
+        assert any("little light or none" in note for note in single.volume.notes()) == told
