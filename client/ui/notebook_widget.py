@@ -31,6 +31,7 @@ CONTROLS = "notebook/notebook_controls.js"
 STYLES = ("theme.css", "viewport/viewport.css", "notebook/notebook.css")
 CONTROLS_STYLES = ("controls/step_chips.css", "tables/table_editor.css")
 HEIGHT = 512  # CSS pixels
+LARGEST_STILL = 1 << 21  # letters of base64: a notebook that keeps the state of widgets has them twice
 _IMPORTED = re.compile(r"""from\s+["'](\.{1,2}/[\w./]+)["']""")
 
 
@@ -62,6 +63,7 @@ class VolumeWidget(anywidget.AnyWidget):
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
     controls = traitlets.Bool(False, help="whether steps and tables are beside it").tag(sync=True)
+    still = traitlets.Unicode(help="PNG in base64, for pages without a kernel; empty if too large").tag(sync=True)
     scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn; BadInput for what is no scene")
 
     _viewing: Viewing | None = None  # before it is opened, and once it is closed
@@ -91,7 +93,9 @@ class VolumeWidget(anywidget.AnyWidget):
         """As any widget's, with a still picture for where no kernel runs: in a saved notebook, on pages of it."""
         bundle = super()._repr_mimebundle_(**kwargs)
         if bundle is not None and (still := self._still()) is not None:
-            bundle[0]["image/png"] = base64.b64encode(still).decode()
+            encoded = base64.b64encode(still).decode()
+            bundle[0]["image/png"] = encoded
+            self.still = encoded if len(encoded) <= LARGEST_STILL else ""
         return bundle
 
     def _still(self) -> bytes | None:
@@ -117,6 +121,7 @@ class VolumeWidget(anywidget.AnyWidget):
             self._views.popitem()[1].end()
         super().close()
         self._viewing = None
+        self.still = ""
 
     def _heard(self, widget: VolumeWidget, content: dict[str, Any], buffers: list[bytes]) -> None:
         if self._viewing is None:

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 ADDRESS = "http://hub.example/"  # not by HTTPS, as many a hub
-_RENDER = """async ([source, traits, css, inShadow]) => {
+_RENDER = """async ([source, traits, css, inShadow, hasKernel]) => {
   const listeners = { "msg:custom": [], comm_live_update: [] };
   window.fromKernel = (content, buffers) => {
     const views = buffers.map((text) => new DataView(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer));
     for (const listener of listeners["msg:custom"]) listener(content, views);
   };
-  let toKernel = window.toKernel;
+  let toKernel = hasKernel ? window.toKernel : () => {};
   window.endKernel = (isTold) => {
     toKernel = () => { throw new Error("Cannot send"); };
     if (isTold) for (const listener of listeners.comm_live_update) listener();
@@ -48,10 +48,13 @@ _RENDER = """async ([source, traits, css, inShadow]) => {
 class NotebookCell:
     """One view of a widget, whose Python half runs in an event loop of a thread, as in a kernel.
 
-    `in_shadow`: below a root of its own, as marimo has its cells.
+    `in_shadow`: below a root of its own, as marimo has its cells. Without `has_kernel` it is a page that was made of a
+    notebook.
     """
 
-    def __init__(self, page: Page, session: Session, in_shadow: bool = False, **options: Any) -> None:
+    def __init__(
+        self, page: Page, session: Session, in_shadow: bool = False, has_kernel: bool = True, **options: Any
+    ) -> None:
         self.page = page
         self._restarted = False
         self._said: queue.SimpleQueue[tuple[Any, list[str]]] = queue.SimpleQueue()
@@ -63,8 +66,9 @@ class NotebookCell:
         html = '<!doctype html><meta charset="utf-8"><div id="cell" style="width: 1200px"></div>'
         page.route("**/*", lambda route: route.fulfill(body=html, content_type="text/html"))
         page.goto(ADDRESS)
-        traits = {name: getattr(self.widget, name) for name in ("modules", "controls", "height")}
-        page.evaluate(_RENDER, [self.widget._esm, traits, self.widget._css, in_shadow])
+        self.bundle: dict[str, str] = self.kernel(self.widget._repr_mimebundle_)[0]
+        traits = {name: getattr(self.widget, name) for name in ("modules", "controls", "height", "still")}
+        page.evaluate(_RENDER, [self.widget._esm, traits, self.widget._css, in_shadow, has_kernel])
 
     def kernel(self, act: Callable[[], Any]) -> Any:
         """What comes of it in the kernel."""
@@ -112,8 +116,10 @@ class NotebookCell:
 
 
 @contextmanager
-def notebook_cell(page: Page, session: Session, in_shadow: bool = False, **options: Any) -> Iterator[NotebookCell]:
-    cell = NotebookCell(page, session, in_shadow, **options)
+def notebook_cell(
+    page: Page, session: Session, in_shadow: bool = False, has_kernel: bool = True, **options: Any
+) -> Iterator[NotebookCell]:
+    cell = NotebookCell(page, session, in_shadow, has_kernel, **options)
     try:
         yield cell
     finally:

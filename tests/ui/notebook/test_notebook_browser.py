@@ -48,7 +48,7 @@ def drawn(cell: NotebookCell) -> bool:
 def test_the_viewport_is_alone_where_nothing_else_is_asked_for(browser_page: Page, session: Session) -> None:
     with notebook_cell(browser_page, session, height=300) as cell:
         cell.until(lambda: drawn(cell))
-        assert cell.page.locator(".vs-table, .vs-step").count() == 0
+        assert cell.page.locator(".vs-table, .vs-step, .vs-notebook-still").count() == 0
         assert cell.page.locator(".vs-viewport").bounding_box() == {"x": 8, "y": 8, "width": 1200, "height": 300}
 
 
@@ -103,6 +103,20 @@ def test_labels_cannot_be_refined_to_g_and_say_why(browser_page: Page, tmp_path:
             to_g = cell.page.get_by_role("button", name="refine to G")
             cell.until(lambda: drawn(cell) and to_g.is_disabled())
             assert "labels.nrrd holds the whole numbers 0 to 4" in (to_g.get_attribute("title") or "")
+
+
+@pytest.mark.parametrize("controls", [False, True])
+def test_a_page_without_a_kernel_has_the_picture_of_the_saved_notebook(
+    controls: bool, browser_page: Page, session: Session
+) -> None:
+    with notebook_cell(browser_page, session, has_kernel=False, controls=controls, height=300) as cell:
+        still = cell.page.locator(".vs-notebook-still")
+        assert still.get_attribute("src") == f"data:image/png;base64,{cell.bundle['image/png']}"
+        size = still.evaluate(
+            "async (image) => { await image.decode(); return [image.naturalWidth, image.clientHeight]; }"
+        )
+        assert size == [cell.widget.scene.image.width, 300]
+        assert still.is_visible() and not cell.page.locator(".vs-viewport").is_visible()
 
 
 @pytest.mark.parametrize("told", [False, True])

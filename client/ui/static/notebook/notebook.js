@@ -22,9 +22,12 @@ class WidgetTransport {
     this.model = model;
     this.view = crypto.getRandomValues(new Uint32Array(4)).join("-"); // randomUUID is for pages by HTTPS alone
     this.heard = true; // as long as the kernel hears us
+    this.onword = () => {}; // once the kernel says anything to us
     this.listeners = { message: (_message) => {}, picture: (_header, _bytes) => {}, state: (_state) => {} };
     this.received = (content, buffers) => {
-      if (content.view !== this.view || content.controls) return;
+      if (content.view !== this.view) return;
+      this.onword();
+      if (content.controls) return;
       if (content.text !== null) this.listeners.message(JSON.parse(content.text));
       else this.takePicture(new Uint8Array(buffers[0].buffer, buffers[0].byteOffset, buffers[0].byteLength));
     };
@@ -82,6 +85,17 @@ async function beside(cell, imported, model, transport) {
   return () => { model.off("msg:custom", received); controls.close(); };
 }
 
+/** The saved picture in place of all else until the kernel says anything: for good on pages that have none. */
+function showStill(cell, still, transport) {
+  if (!still) return;
+  const image = document.createElement("img");
+  image.className = "vs-notebook-still";
+  image.alt = "the volume when this cell ran";
+  image.src = `data:image/png;base64,${still}`;
+  cell.append(image);
+  transport.onword = () => image.remove();
+}
+
 /** Keys are the element's own while it has the focus: JupyterLab would take M as "make the cell Markdown", which ends us. */
 function keepKeys(element) {
   element.dataset.lmSuppressShortcuts = "true";
@@ -103,6 +117,7 @@ export default {
     const viewport = new Viewport(host, transport);
     const end = model.get("controls") ? await beside(cell, imported, model, transport) : () => {};
     release();
+    showStill(cell, model.get("still"), transport);
     transport.open();
     return () => { end(); viewport.close?.(); transport.close(); };
   },
