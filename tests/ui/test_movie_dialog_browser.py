@@ -74,6 +74,7 @@ def test_escape_closes_the_dialog_but_first_the_menu_that_is_open_in_it(page: Pa
     assert make.is_visible()
     page.keyboard.press("Escape")
     make.wait_for(state="hidden")
+    page.wait_for_function("() => document.activeElement.ariaLabel === 'save'")
 
 
 COUNT = "images: give a whole number from 2 to 10000"

@@ -22,12 +22,12 @@ WIDTH = 8.5  # cm: of a journal's column
 class FigureDialog:
     """One tab's dialog, beside which the volume can still be turned: a figure is drawn while nobody does so."""
 
-    def __init__(self, viewing: Viewing, name: str) -> None:
+    def __init__(self, viewing: Viewing, name: str, opener: ui.button) -> None:
         self._viewing = viewing
         self._name = name
         self._left = threading.Event()  # the tab is gone
         usual = Figure()
-        self._dialog = SideDialog("Figure")
+        self._dialog = SideDialog("Figure", opener)
         with self._dialog.card:
             with ui.row():
                 self._switches = {

@@ -33,11 +33,11 @@ SECONDS_BETWEEN_LOOKS = 0.2
 class MovieDialog:
     """One tab's dialog, beside which the volume can still be turned: a movie is drawn while nobody does so."""
 
-    def __init__(self, viewing: Viewing, name: str) -> None:
+    def __init__(self, viewing: Viewing, name: str, opener: ui.button) -> None:
         self._viewing = viewing
         self._keys: list[Scene] = []
         self._job: MovieJob | None = None
-        self._dialog = SideDialog("Movie")
+        self._dialog = SideDialog("Movie", opener)
         with self._dialog.card:
             self._path = ui.toggle([TURNTABLE, KEY_SCENES], value=TURNTABLE).props("dense no-caps unelevated")
             with ui.row().bind_visibility_from(self._path, "value", value=KEY_SCENES).classes("items-center"):

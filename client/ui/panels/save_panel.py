@@ -41,9 +41,10 @@ _COPIES = """() => {
 
 
 def save_panel(viewing: Viewing, scenes: SceneUpload) -> None:
-    figure = _built_when_opened(partial(FigureDialog, viewing, file_stem(viewing)))
-    movie = _built_when_opened(partial(MovieDialog, viewing, file_stem(viewing)))
-    with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
+    save = ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save")
+    figure = _built_when_opened(partial(FigureDialog, viewing, file_stem(viewing), save))
+    movie = _built_when_opened(partial(MovieDialog, viewing, file_stem(viewing), save))
+    with save:
         with menu_by_arrows().props("auto-close"):
             ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
             ui.menu_item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
