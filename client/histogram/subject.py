@@ -40,6 +40,7 @@ class Subject:
     recedes: bool = True  # along this axis
     face: str | None = None  # of a slab: the view that shows it, as radiologists and image viewers do
     single_slice: bool = False
+    has_gaps: bool = False  # voxels without a value, at which what is seen may end
     fine: ValueCounts | None = None  # the values before they became bytes
     usual: "Subject | None" = None  # the same under the automatic window, if this one is another
 
@@ -103,6 +104,7 @@ def subject_of(
         depth=GRID_FIELDS[depth],
         recedes=away[depth] > 0,
         face=_face(description.geometry, up),
+        has_gaps=survey.no_data > 0,
         single_slice=sorted(description.geometry.dims)[:2].count(1) == 1,
         fine=ValueCounts(ranges.low, ranges.high, density_counts) if survey.low <= survey.high else None,
         usual=usual,

@@ -44,7 +44,8 @@ def histogram_scene(subject: Subject) -> Scene:
         tint, opacity = _tint(seen, histogram), _opacity(seen, histogram, rim=RIM)
     return Scene(
         tables=Tables(emit=dimmed(tint, GLOW), refl=dimmed(tint, REFLECTION), opac=opacity),
-        shading=Shading(modulation=False, two_sided=seen.below > 0),
+        # Where data ends at voxels without a value, it may rise towards them as well as fall.
+        shading=Shading(modulation=False, two_sided=seen.below > 0 or subject.has_gaps),
         light=KEY_LIGHT,
     )
 

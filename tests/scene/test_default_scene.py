@@ -110,6 +110,19 @@ def test_data_of_both_signs_shows_both_signs_in_two_colours() -> None:
     assert emitted[0][2] > emitted[0][0] and emitted[255][0] > emitted[255][2]
 
 
+def test_data_that_rises_towards_voxels_without_a_value_is_lit_like_what_falls() -> None:
+    along = torch.linspace(-1, 1, 24)
+    radius = (along[:, None, None] ** 2 + along[:, None] ** 2 + along**2).sqrt()
+    brightness = []
+    for values in (radius, 2.0 - radius):
+        within = torch.where(radius < 0.8, values, math.nan).numpy()
+        with SingleProcess(Volume(within, spacing=(1, 1, 1))) as single:
+            scene = single.volume.default_scene()
+            assert scene.shading.two_sided
+            brightness.append(single.render(scene.with_(size=64))[24:40, 24:40, :3].mean())
+    assert brightness[0] > 0.7 * brightness[1]
+
+
 def test_what_is_seen_also_glows() -> None:
     for values in ORDINARY.values():
         scene, _, _ = first_scene(values, "float32")
