@@ -38,7 +38,7 @@ FRAMES = 120
 @helped(
     "volsplat movie head.nrrd -o turntable.mp4",
     "volsplat movie head.nrrd -o flight.webm --key front.toml --key inside.png --frames 240",
-    "volsplat movie heart.nii.gz#{0..19} -o heartbeat.mp4 --rate 20",
+    "volsplat movie 'heart.nii.gz#'{0..19} -o heartbeat.mp4 --rate 20",
 )
 @volumes_argument
 @headed(
