@@ -276,7 +276,7 @@ class Session(Renderer):
         return VolumeWidget(self, scene, controls)
 
     def turn(self) -> DrawingTurn:
-        """For viewers: who draws in turns gives way to others that draw, and others to who does by hand."""
+        """For viewers, which give way to scripts and to one another, and go first while a hand moves the scene."""
         self._check_has_volume()
         return self._images.turn()
 
