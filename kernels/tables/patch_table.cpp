@@ -9,13 +9,13 @@ namespace volsplat {
 namespace {
 
 constexpr double kLast = kTableEntries - 1;
-constexpr int kChannels = 6;  // emitted red, green, blue, and reflected
+constexpr int kTableChannels = 6;  // emitted red, green, blue, and reflected
 
 typedef std::array<double, kTableEntries> Entries;
 
 struct Row {
     Entries opacity{};
-    std::array<Entries, kChannels> colour{};  // times the opacity
+    std::array<Entries, kTableChannels> colour{};  // times the opacity
     bool empty = true;
 };
 
@@ -52,7 +52,7 @@ public:
             if (weight_[n] == 0.0) continue;
             found.empty = false;
             found.opacity[n] = 1.0 - through_[n];
-            for (int channel = 0; channel < kChannels; ++channel) {
+            for (int channel = 0; channel < kTableChannels; ++channel) {
                 found.colour[channel][n] = found.opacity[n] * (colour_[channel][n] / weight_[n]);
             }
         }
@@ -71,7 +71,7 @@ private:
 
     const double strength_;
     Entries through_{}, weight_{};
-    std::array<Entries, kChannels> colour_{};
+    std::array<Entries, kTableChannels> colour_{};
 };
 
 }  // namespace
@@ -86,7 +86,7 @@ PatchTable::PatchTable(const std::vector<Patch>& patches) {
             if (row.opacity[n] <= 0.0) continue;
             const int at = strength * kTableEntries + n;
             opacity[at] = row.opacity[n];
-            for (int channel = 0; channel < kChannels; ++channel) {
+            for (int channel = 0; channel < kTableChannels; ++channel) {
                 std::vector<float>& colour = channel < 3 ? emit : refl;
                 const double mean = row.colour[channel][n] / row.opacity[n];
                 colour[4 * at + channel % 3] = static_cast<float>(std::min(mean, 1.0));

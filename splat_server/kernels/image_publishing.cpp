@@ -9,7 +9,7 @@ namespace volsplat {
 
 namespace {
 
-constexpr std::size_t kMostBlocks = 4;  // kept to be handed out again
+constexpr std::size_t kMostKept = 4;  // kept to be handed out again
 
 FourFloats four_at(const float* address) {
     FourFloats four;
@@ -100,7 +100,7 @@ std::shared_ptr<float[]> ImageBlocks::free_block(std::size_t floats) {
     for (const auto& block : blocks_)
         if (block.use_count() == 1) return block;
     std::shared_ptr<float[]> block(new float[floats]);
-    if (blocks_.size() < kMostBlocks) blocks_.push_back(block);
+    if (blocks_.size() < kMostKept) blocks_.push_back(block);
     return block;
 }
 

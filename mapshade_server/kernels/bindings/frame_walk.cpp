@@ -34,7 +34,7 @@ using VisibilityArray = nb::ndarray<const std::uint8_t, nb::shape<64>, nb::c_con
 using LightArray = nb::ndarray<const float, nb::shape<32768>, nb::c_contig, nb::device::cpu>;
 using GradientByteArray = nb::ndarray<const std::uint8_t, nb::shape<3, 32768>, nb::c_contig, nb::device::cpu>;
 using GridByteArray = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<ClassifiedRows>>;
+using ClassifiedBox = std::tuple<PacketArray, Index3, std::shared_ptr<ClassifiedRows>>;
 
 ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<OpacityArray>& opacity,
                         const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility) {
@@ -70,9 +70,9 @@ bool are_of_plane(const ColourArray& emit, const ColourArray& refl) {
 // Keeps alive what the walk and its walkers borrow.
 class PythonFrameWalk {
 public:
-    PythonFrameWalk(std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
-                    const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
-                    const std::array<std::int64_t, 4>& y,
+    PythonFrameWalk(std::vector<ClassifiedBox> boxes, const std::array<int, 3>& axes,
+                    const std::array<bool, 3>& ascending, const std::array<std::array<std::int64_t, 5>, 3>& visits,
+                    const std::array<std::int64_t, 4>& x, const std::array<std::int64_t, 4>& y,
                     const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
                     const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
                     const std::array<std::uint64_t, 2>& thresholds, const std::array<int, 4>& cross_bar,
@@ -87,7 +87,7 @@ public:
 
 private:
     // What the walk points into
-    std::vector<PythonBox> boxes_;
+    std::vector<ClassifiedBox> boxes_;
     ColourArray emit_, refl_;
     LightArray light_;
     std::vector<OpacityArray> opacity_;
@@ -100,7 +100,7 @@ private:
 };
 
 PythonFrameWalk::PythonFrameWalk(
-    std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
+    std::vector<ClassifiedBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
     const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
     const std::array<std::int64_t, 4>& y, const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
     const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
@@ -163,7 +163,7 @@ void bind_frame_walk(nb::module_& m) {
         .def_prop_ro("axes", &ClassifiedRows::axes);
 
     nb::class_<PythonFrameWalk>(m, "FrameWalk")
-        .def(nb::init<std::vector<PythonBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
+        .def(nb::init<std::vector<ClassifiedBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
                       const std::array<std::array<std::int64_t, 5>, 3>&, const std::array<std::int64_t, 4>&,
                       const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
                       const std::array<std::int64_t, 2>&, const std::array<double, 2>&,

@@ -25,7 +25,7 @@ namespace volsplat {
 
 namespace {
 
-using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<NeededVoxels>>;
+using BoxOfNeeded = std::tuple<PacketArray, Index3, std::shared_ptr<NeededVoxels>>;
 using DensityArray = nb::ndarray<const std::uint8_t, nb::shape<32>, nb::c_contig, nb::device::cpu>;
 
 using NeighbourhoodNumbers = std::tuple<Index3, std::vector<std::vector<std::int64_t>>>;
@@ -42,7 +42,7 @@ Neighbourhood neighbourhood_of(const NeighbourhoodNumbers& numbers) {
 // Keeps alive what the walkers borrow.
 class PythonSlabWalk {
 public:
-    PythonSlabWalk(const std::vector<PythonBox>& boxes, const std::array<int, 3>& axes,
+    PythonSlabWalk(const std::vector<BoxOfNeeded>& boxes, const std::array<int, 3>& axes,
                    const std::array<bool, 3>& ascending, const std::array<VisitNumbers, 3>& visits, const DdaNumbers& x,
                    const DdaNumbers& y, const DdaNumbers& depth, const std::array<std::int64_t, 2>& image,
                    const std::array<double, 2>& reach, const std::array<std::int64_t, 3>& groups, const Index3& dims,
@@ -113,7 +113,7 @@ void bind_slab_walk(nb::module_& m) {
     nb::class_<NeededVoxels>(m, "NeededVoxels").def(nb::init<const Index3&>(), "size"_a);
 
     nb::class_<PythonSlabWalk>(m, "SlabWalk")
-        .def(nb::init<const std::vector<PythonBox>&, const std::array<int, 3>&, const std::array<bool, 3>&,
+        .def(nb::init<const std::vector<BoxOfNeeded>&, const std::array<int, 3>&, const std::array<bool, 3>&,
                       const std::array<VisitNumbers, 3>&, const DdaNumbers&, const DdaNumbers&, const DdaNumbers&,
                       const std::array<std::int64_t, 2>&, const std::array<double, 2>&,
                       const std::array<std::int64_t, 3>&, const Index3&, const DensityArray&,

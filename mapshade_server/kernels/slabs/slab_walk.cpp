@@ -13,7 +13,6 @@ namespace volsplat {
 namespace {
 
 constexpr int kFinerDepth = 32 - kDepthBits;
-constexpr std::int64_t kPixel = std::int64_t{1} << 32;
 constexpr std::int64_t kRowCost = 16;       // of looking for a row's voxels, in voxels
 constexpr std::int64_t kLookedAtOnce = 16;  // voxels of a row, for whether they are hidden
 constexpr std::int64_t kTurnRows = 4;       // rows next to each other stay with a walker

@@ -9,8 +9,7 @@ namespace volsplat {
 
 namespace {
 
-constexpr int kFractionBits = 32;
-constexpr std::int64_t kAlmostPixel = (std::int64_t{1} << kFractionBits) - 1;  // rounds up to the next pixel's centre
+constexpr std::int64_t kAlmostPixel = kPixel - 1;  // rounds up to the next pixel's centre
 
 // The tiles on one axis that samples between two places reach, those beyond the image's ends moved into it.
 struct TileRange {

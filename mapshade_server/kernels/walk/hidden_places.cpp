@@ -12,7 +12,6 @@ namespace volsplat {
 namespace {
 
 constexpr std::int64_t kWordPixels = 32;
-constexpr std::int64_t kPixel = std::int64_t{1} << 32;
 constexpr std::int64_t kWordsOfTiles = kTileSide * kWordTiles / kWordPixels;  // that one word of tiles makes
 constexpr std::uint32_t kAllClosed = ~std::uint32_t{0};
 

@@ -7,13 +7,6 @@
 
 namespace volsplat {
 
-namespace {
-
-constexpr int kFractionBits = 32;
-constexpr std::int64_t kPixel = std::int64_t{1} << kFractionBits;
-
-}  // namespace
-
 Regions::Regions(const std::vector<Lines>& lines, const WalkPlan& plan)
     : reach_(sample_reach(plan).y), height_(plan.height), of_tiles_(static_cast<std::size_t>(tile_rows(plan.height))) {
     for (const Lines& region : lines) {

@@ -8,7 +8,6 @@ namespace volsplat {
 
 namespace {
 
-constexpr int kFractionBits = 32;
 constexpr double kFarthestReach = 1 << 24;  // pixels; origins of runs are 32 bits
 
 // How far from its row's line a sample may be splatted or looked for, in pixels. Packets round a position by 1/128, the

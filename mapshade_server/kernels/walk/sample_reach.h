@@ -7,7 +7,10 @@
 
 namespace volsplat {
 
-// 2^-32 pixel.
+// Places on the screen are 2^-32 pixel.
+constexpr int kFractionBits = 32;
+constexpr std::int64_t kPixel = std::int64_t{1} << kFractionBits;
+
 struct SampleReach {
     std::int64_t x, y;
 };

@@ -11,7 +11,6 @@ namespace volsplat {
 
 namespace {
 
-constexpr std::int64_t kPixel = std::int64_t{1} << 32;
 constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
 // Of all walkers' first batches; then doubled, so that the splatter soon has something to do.
 constexpr std::int64_t kFirstPackets = 4096;

@@ -194,7 +194,7 @@ std::vector<OwnerSeconds> seconds(const SplatFrame& frame) {
 }
 
 // By how many seconds they lie back: Python's clock may count from another moment.
-std::vector<std::vector<std::tuple<const char*, double, double>>> spans(const SplatFrame& frame) {
+std::vector<std::vector<std::tuple<const char*, double, double>>> spans_of_owners(const SplatFrame& frame) {
     const Clock::time_point now = Clock::now();
     const auto ago = [&](Clock::time_point then) { return std::chrono::duration<double>(now - then).count(); };
     std::vector<std::vector<std::tuple<const char*, double, double>>> all;
@@ -269,7 +269,7 @@ void bind_owners(nb::module_& m) {
         .def("show", &show, "target"_a)
         .def_prop_ro("work", &SplatFrame::work)
         .def_prop_ro("seconds", &seconds)
-        .def_prop_ro("spans", &spans)
+        .def_prop_ro("spans", &spans_of_owners)
         .def_prop_ro("walked", &SplatFrame::walked);
     nb::class_<Owners>(m, "Owners")
         .def(nb::init<int>(), "threads"_a)
