@@ -13,9 +13,11 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-# pip would compile modules on one core, and the libraries' own tests as well. Some are for other Pythons, and fail.
+# pip would compile modules on one core, and those that nothing here loads as well: the libraries' own tests, what torch
+# compiles models with, and mypy's sources beside what they were compiled to. Some are for other Pythons, and fail.
 export PIP_COMPILE := 0
-COMPILE := @$(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib || true
+NEVER_LOADED := /(tests?|sympy|mpmath|mypyc?|torch/(_dynamo|_inductor|onnx))/
+COMPILE := @$(BIN)/python -m compileall -qq -j 0 -x '$(NEVER_LOADED)' $(VENV)/lib || true
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 SHARED_NUMBERS := $(addprefix protocol/rules/,closed_tiles.py image_tiles.py index_rules.py packet_layout.py rounding.py)
