@@ -161,7 +161,8 @@ def tab(kept_page: KeptPage, url: str, request: pytest.FixtureRequest) -> Iterat
 
 def test_one_click_wires_a_table_to_a_field(tab: Tab) -> None:
     for table, field in (("opac", Field.GRID_K), ("emit", Field.SCREEN_Z), ("modu", Field.DENSITY)):
-        wire = tab.page.get_by_role("radio", name=f"{TABLE_WORDS[table]} by {field.value.replace('-', ' ')}")
+        called = "value" if field is Field.DENSITY else field.value.replace("-", " ")  # of no kind that is told
+        wire = tab.page.get_by_role("radio", name=f"{TABLE_WORDS[table]} by {called}")
         before = tab.scene.cross_bar
         wire.click()
         after = tab.becomes(attrgetter(f"cross_bar.{table}"), field).cross_bar
@@ -170,7 +171,7 @@ def test_one_click_wires_a_table_to_a_field(tab: Tab) -> None:
 
 
 def test_arrow_keys_move_a_wire_along_its_row(tab: Tab) -> None:
-    tab.page.get_by_role("radio", name="Reflected by density").focus()
+    tab.page.get_by_role("radio", name="Reflected by value").focus()
     tab.page.keyboard.press("ArrowRight")
     tab.becomes(lambda scene: scene.cross_bar.refl, Field.STRENGTH)
 
@@ -423,14 +424,14 @@ def test_the_code_of_directions_is_chosen(tab: Tab) -> None:
 
 
 def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:
-    automatic = tab.field("lowest density").input_value(), tab.field("highest density").input_value()
-    tab.types("highest density", "123.5")
+    automatic = tab.field("lowest value").input_value(), tab.field("highest value").input_value()
+    tab.types("highest value", "123.5")
     window = tab.until(lambda state: state.scene.quantise.window != "auto").quantise.window
     assert window[1] == 123.5 and shown_number(float(window[0])) == automatic[0]
     tab.button("automatic", "window").click()
     tab.becomes(lambda scene: scene.quantise.window, "auto")
     tab.page.wait_for_function(
-        "value => document.querySelector('[aria-label=\"highest density\"]').value === value", arg=automatic[1]
+        "value => document.querySelector('[aria-label=\"highest value\"]').value === value", arg=automatic[1]
     )
 
 
@@ -442,7 +443,7 @@ def test_the_density_window_holds_as_many_voxels_as_asked(tab: Tab) -> None:
         chosen = tab.until(lambda state: state.scene.quantise.window not in ("auto", *windows.values())).quantise.window
         assert chosen != "auto"
         windows[button] = chosen
-        tab.holds("lowest density", shown_number(chosen[0]))
+        tab.holds("lowest value", shown_number(chosen[0]))
     assert windows["all"][0] <= windows["1–99 %"][0] <= windows["5–95 %"][0]
     assert windows["5–95 %"][1] <= windows["1–99 %"][1] <= windows["all"][1]
     assert tab.page.locator('[aria-pressed="true"]:has-text("all")').count() == 0
@@ -521,8 +522,8 @@ BAD_INPUT = [
     ("end of k", "-1", "bounds on k must end above 0"),
     ("radius, a number", "5", "radius must be 1 to 4 voxels"),
     ("radius, a number", "wide", "“wide” is not a number"),
-    ("lowest density", "1e30", "window must rise"),
-    ("highest density", "-inf", "window must be finite"),
+    ("lowest value", "1e30", "window must rise"),
+    ("highest value", "-inf", "window must be finite"),
     ("background, #rrggbb", "red", "is not a colour"),
 ]
 
