@@ -71,7 +71,7 @@ def test_colours_are_shown_over_the_picture_and_stay_so(page: Page) -> None:
     assert colours.is_hidden()
     page.keyboard.press("c")
     colours.wait_for()
-    assert "density; curve: opacity, 0 to 0.95" in colours.inner_text()
+    assert "value; curve: opacity, 0 to 0.95" in colours.inner_text()
     page.reload()
     colours.wait_for()
     page.get_by_role("button", name="copy the picture").click()

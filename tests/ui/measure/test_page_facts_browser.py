@@ -100,7 +100,7 @@ def test_a_value_beyond_the_window_is_the_files_own(head_page: Page, volume: Pat
     narrow = float(np.percentile(values[values > values.min()], 5))
 
     def cut_the_window() -> None:
-        page.get_by_label("highest density").fill(f"{narrow:.5g}")
+        page.get_by_label("highest value").fill(f"{narrow:.5g}")
         page.keyboard.press("Enter")
 
     after(page, cut_the_window)
@@ -131,7 +131,7 @@ def test_what_matters_most_stands_first_and_scales_are_named(head_page: Page) ->
     page = head_page
     panels = page.locator(".vs-left .vs-title").all_inner_texts()
     assert panels[0] == "Window", panels
-    window = page.get_by_label("highest density").bounding_box()
+    window = page.get_by_label("highest value").bounding_box()
     assert window is not None and window["y"] + window["height"] < 200
     assert not re.search(r"[0-9] m?s\b", page.locator(".vs-head").inner_text()), "no stop-watch in the header"
     row = page.locator(".vs-row", has=page.get_by_text("All opacities", exact=True))

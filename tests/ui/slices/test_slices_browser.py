@@ -199,7 +199,7 @@ def test_a_pointer_on_a_slice_is_told_the_files_own_value_and_shift_pointing_at_
     page.mouse.move(place["x"] + place["width"] / 2, place["y"] + place["height"] / 2)
     value = page.locator(".vs-value")
     value.wait_for()
-    until(page, lambda: re.match(r"density -?[0-9.e-]+ ", value.inner_text()) is not None)  # and not ≈
+    until(page, lambda: re.match(r"value -?[0-9.e-]+ ", value.inner_text()) is not None)  # and not ≈
     i, j, k = map(int, re.findall("[0-9]+", value.inner_text().rpartition(" at ")[2]))
     own = read_whole(volume)[k, j, i]
     assert k == index_of(page, "k") and own.dtype.type(value.inner_text().split()[1]) == own
