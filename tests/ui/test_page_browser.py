@@ -104,7 +104,7 @@ def test_the_value_under_the_pointer_is_the_files_and_marked_in_the_tables(page:
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     expect(line).to_have_attribute("display", "inline")
     value = page.locator(".vs-value")
-    expect(value).to_have_text(re.compile(r"^density -?[0-9.e-]+ · .* at \([0-9, ]+\)$"))  # and not ≈
+    expect(value).to_have_text(re.compile(r"^value -?[0-9.e-]+ · .* at \([0-9, ]+\)$"))  # and not ≈
     shown = (value.text_content() or "").split()
     i, j, k = map(int, re.findall("[0-9]+", " ".join(shown[-3:])))
     own = read_whole(volume)[k, j, i]
@@ -120,7 +120,7 @@ def test_the_bars_under_the_opacity_are_tinted_where_reflected_light_is_by_the_s
     expect(tinted).to_have_count(1)
     for control, count in (
         (page.get_by_role("radio", name="Reflected by gradient strength"), 0),
-        (page.get_by_role("radio", name="Reflected by density"), 1),
+        (page.get_by_role("radio", name="Reflected by value"), 1),
         (page.get_by_role("switch", name="diffuse"), 1),
         (page.get_by_role("switch", name="specular"), 0),  # now nothing is reflected
         (page.get_by_role("switch", name="diffuse"), 1),
@@ -135,7 +135,7 @@ def test_the_shift_moves_what_is_seen_where_a_table_is_by_density(page: Page) ->
     from playwright.sync_api import expect
 
     before = canvas(page)
-    shift = page.get_by_label("shift of all tables by density")
+    shift = page.get_by_label("shift of all tables by value")
     box = shift.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

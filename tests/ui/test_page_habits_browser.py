@@ -90,7 +90,7 @@ def test_what_is_typed_or_moved_by_arrows_is_not_for_the_viewport(page: Page) ->
     page.get_by_text("“1f5?f?” is not a number").wait_for()
     assert field.input_value() == "1f5?f?"
     page.keyboard.press("Escape")
-    shift = page.get_by_label("shift of all tables by density")
+    shift = page.get_by_label("shift of all tables by value")
     unmoved = shift.get_attribute("aria-valuenow")
     shift.focus()
     page.keyboard.press("ArrowRight")
@@ -309,7 +309,7 @@ def test_what_moves_is_drawn_by_the_finest_step_lit_and_smooth(page: Page) -> No
 
 def test_a_panel_is_folded_by_its_heading_also_by_keys_and_after_loading_anew(page: Page) -> None:
     heading = page.get_by_role("button", name="Shading", exact=True)
-    wire = page.get_by_role("radio", name="Opacity by density")
+    wire = page.get_by_role("radio", name="Opacity by value")
     assert wire.is_visible() and heading.get_attribute("aria-expanded") == "true"
     heading.click()
     wire.wait_for(state="hidden")

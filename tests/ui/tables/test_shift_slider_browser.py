@@ -29,7 +29,7 @@ def place(tab: Tab, by: float) -> tuple[float, float]:
 
 
 def slider_of(tab: Tab) -> Locator:
-    return tab.page.get_by_label("shift of all tables by density")
+    return tab.page.get_by_label("shift of all tables by value")
 
 
 def told(tab: Tab) -> float:
