@@ -146,14 +146,15 @@ class MixtureEntries:
         """The table in bins of the coarser level, from the finer one's: the means over what its voxels stand for."""
 
 def seen_in_columns(
-    rows: Array, depth: int, axis: int, from_high: bool, layers: int, places: int, finer: Array, coarser: Array
+    rows: Array, ends: Array, axis: int, from_high: bool, layers: int, places: int, finer: Array, coarser: Array
 ) -> tuple[tuple[float, Array, Array], tuple[float, Array, Array]]:
-    """What is seen along columns of level_columns, uint32 (columns * depth, 9), from one of their ends.
+    """What is seen along columns of level_columns, uint32 (n, 9), from one of their ends.
 
+    `ends` tells for each column, int64 (columns,), the row after its last; `axis` is -1 along a diagonal.
     Tables are float64 (65536, 7) over density | strength << 8: optical depth of a layer, how much light that lets
     through, what is emitted, and what is reflected of each of four steps of the light. Of the finer voxels, then of
     the coarser ones: what they emit, the direction codes of those that reflect, int64 (n,), and how much of each step,
-    float64 (n, 4). A coarser voxel stands for so many `layers` along the axis, of `places` voxels each.
+    float64 (n, 4). A coarser voxel stands for so many `layers`, one behind the other, of `places` voxels each.
     """
 
 def reflected_in_steps(refl: Array, room: Array, step: float) -> Array:

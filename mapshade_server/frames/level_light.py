@@ -33,6 +33,7 @@ ROUNDED_TO = 1024  # so that processors that sum otherwise agree
 LEAST_FACTOR, GREATEST_FACTOR = 0.5, 2.0
 LEAST_SHARE = 1.0 - 1e-9  # of what is to be reflected: where all colours are white, more light changes nothing
 DILOGARITHMS = 1024  # places at which it is known, with straight lines between
+KEPT_DIRECTIONS = 24  # of 1 MiB, of all levels and tables; a view takes three of a level
 LIGHT_STEPS, LIGHT_STEP = 4, 0.5  # there is no more light than of them all
 
 Numbers = NDArray[np.float64]
@@ -83,35 +84,26 @@ class Look(NamedTuple):
 
 
 class SeenLevel:
-    """A level and the level before, from their six sides, as some tables show them."""
+    """A level and the level before, from all sides, as some tables show them."""
 
     def __init__(self, columns: LevelColumns, finer: Look, coarser: Look) -> None:
-        self._areas = [columns.area(axis) for axis in range(3)]
-        level_thickness = columns.thickness[-1]
-        layers = [
-            depths(look.opacity, thickness, (thickness / level_thickness) ** 2)
+        self._columns = columns
+        self._layers = [
+            depths(look.opacity, thickness, (thickness / columns.thickness[-1]) ** 2)
             for look, thickness in zip((finer, coarser), columns.thickness, strict=True)
         ]
-        self._sides: dict[tuple[int, bool], Seen] = {}
-        tables = [look.in_layers() for look in (finer, coarser)]
-        for axis in range(3):
-            for table, layer, level in zip(tables, layers, columns.levels, strict=True):
-                depth = layer * (level.spacing[axis] / level.reference_spacing)
-                table[:, 0], table[:, 1] = depth, np.exp(-depth)
-            for from_high in (False, True):
-                self._sides[axis, from_high] = columns.seen(axis, from_high, *tables)
+        self._looks = (finer, coarser)
 
     def emission(self, eye: Vector | None) -> float:
         """What multiplies what the level emits to `eye`, which is towards the viewer, along i, j, k; with None on the
         mean over all sides.
 
-        From both ends of each axis: whether layers are seen edge on is the same from both, and chance is halved.
+        From both ends of each column: whether layers are seen edge on is the same from both, and chance is halved.
         """
-        weights = [area * (1.0 if eye is None else abs(eye[axis])) for axis, area in enumerate(self._areas)]
         seen = [
-            [weights[axis] * emitted for emitted in self._sides[axis, from_high].emitted]
-            for axis in range(3)
-            for from_high in (False, True)
+            [side.share * emitted for emitted in end.emitted]
+            for side in self._columns.sides(eye)
+            for end in _from_ends(self, side.number)
         ]
         of_finer, of_coarser = zip(*seen, strict=True)
         return factor(math.fsum(of_finer), math.fsum(of_coarser))
@@ -121,19 +113,34 @@ class SeenLevel:
 
         `eye` is as above.
         """
-        sides = [(abs(along) * self._areas[axis], self._sides[axis, along > 0.0]) for axis, along in enumerate(eye)]
+        sides = [(side.share, _from_ends(self, side.number)[side.from_high]) for side in self._columns.sides(eye)]
         of_finer, of_coarser = (
-            _reflected([(area, seen.reflected[which]) for area, seen in sides if area], light)
+            _reflected([(share, seen.reflected[which]) for share, seen in sides], light)
             for which, light in enumerate((finer, coarser))
         )
         return _factor_to_reflect(of_coarser, of_finer.amount(1.0))
 
+    def from_ends(self, number: int) -> tuple[Seen, Seen]:
+        """Along the columns of a direction, from their lower and their upper end."""
+        tables = [look.in_layers() for look in self._looks]
+        lengths = self._columns.lengths(number)
+        for table, layer, length in zip(tables, self._layers, lengths, strict=True):
+            table[:, 0] = layer * length
+            table[:, 1] = np.exp(-table[:, 0])
+        finer, coarser = tables
+        return self._columns.seen(number, finer, coarser)
+
+
+@lru_cache(KEPT_DIRECTIONS)
+def _from_ends(level: SeenLevel, number: int) -> tuple[Seen, Seen]:
+    return level.from_ends(number)
+
 
 def _reflected(sides: Iterable[tuple[float, Reflected]], light: Light) -> _kernels.ReflectedLight:
-    """`sides` are their areas, and what is seen from them."""
+    """`sides` are their shares, and what is seen from them."""
     reflected = _kernels.ReflectedLight(light.data, LIGHT_STEP)
-    for area, seen in sides:
-        reflected.add(area, seen.codes.data, seen.by_step.data)
+    for share, seen in sides:
+        reflected.add(share, seen.codes.data, seen.by_step.data)
     return reflected
 
 

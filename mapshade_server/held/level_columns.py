@@ -1,47 +1,188 @@
 """Columns of voxels of a coarser level, each voxel with those that it stands for: as many as tell what is seen of it.
 
 Tables of a level are means over all voxels of a bin. What is seen are those in front, by a light that falls on each of
-them. So a store has columns through the whole level along its three axes, spread evenly, in which both can be followed.
+them. So a store has columns through the whole level in thirteen directions, spread evenly, in which both can be
+followed: along its three axes, the diagonals of its faces and those of its cubes.
+
+A column along a diagonal takes one axis after the other, in each order alike, and so goes through faces of voxels only.
+One through corners would see every other layer of a slope, and find its voxels hidden.
 """
 
-import math
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import permutations
+from math import factorial, prod
 from typing import NamedTuple
 
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
 from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.levels import factors_of, thickness_of
 
-COLUMN_VOXELS = 1 << 18  # of a level, some more where columns are long
+AXIS_VOXELS = 1 << 18  # of a level, along all three
+DIAGONAL_VOXELS = 1 << 20  # along all ten: as many columns as along axes, and two or three voxels to a step
+LEAST_COLUMNS = 256  # in each direction, however long they are, if there are so many: fewer differ by chance
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
 BEYOND = np.uint32(0xFFFFFFFF)  # in the place of a voxel beyond the volume, or a second one if an axis is whole
 
 GOLDEN_PART = 40503  # of 2^16, the golden ratio: places follow each other evenly, however many there are
 GOLDEN_BITS = 16
 
-Rows = NDArray[np.uint32]  # (n, ROW), column by column from the lower end, those along i first, then j, then k
+# What a column adds to i, j and k until it begins again with the first of its axes
+AXES: tuple[Index, ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+DIAGONALS: tuple[Index, ...] = (
+    *((0, 1, 1), (0, 1, -1), (1, 0, 1), (1, 0, -1), (1, 1, 0), (1, -1, 0)),
+    *((1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1)),
+)
+DIRECTIONS = AXES + DIAGONALS
+NO_AXIS = -1  # of diagonals
+QUICK = 1  # zstd's level
+
+Rows = NDArray[np.uint32]  # (n, ROW), column by column from the lower end, by DIRECTIONS
 Places = NDArray[np.int64]
+Voxels = NDArray[np.int32]  # (n, 3), or (3, n) where that is said: i, j, k
 Looks = NDArray[np.float64]  # (65536, 7), see seen_in_columns
 
 
 class Columns(NamedTuple):
-    """All along one axis."""
+    """All in one direction."""
 
-    axis: int
-    depth: int
-    aside: tuple[Places, Places]  # where they are on the two other axes, the lower of these first
+    dims: Index  # of the level
+    direction: Index
+    first: Voxels  # where they enter, counted from the other end on axes along which they descend
+    ends: Places  # of each column, among their voxels
+    every: int  # how many columns there would be, side by side
     begin: int  # of their rows
 
     @property
     def number(self) -> int:
-        return len(self.aside[0])
+        return len(self.ends)
 
     @property
     def end(self) -> int:
-        return self.begin + self.number * self.depth
+        return self.begin + int(self.ends[-1])
+
+    def voxels(self) -> Voxels:
+        """Of one column after the other."""
+        voxels, _ = _followed(self.first, self.dims, self.direction)
+        return voxels
+
+
+@lru_cache(maxsize=16)
+def columns_of(dims: Index) -> tuple[Columns, ...]:
+    """Those of a level of so many voxels, by DIRECTIONS."""
+    found: list[Columns] = []
+    for direction in DIRECTIONS:
+        found.append(_columns(dims, direction, found[-1].end if found else 0))
+    return tuple(found)
+
+
+def _columns(dims: Index, direction: Index, begin: int) -> Columns:
+    axes = _axes(direction)
+    count_of_faces = [prod(face) for face in _faces(dims, axes)]
+    every = sum(count_of_faces)
+    rows = AXIS_VOXELS // len(AXES) if direction in AXES else DIAGONAL_VOXELS // len(DIAGONALS)
+    count = min(max(rows * every // (len(axes) * prod(dims)), LEAST_COLUMNS), every)
+    first = np.concatenate(
+        [
+            _entries(dims, axes, n, max(count * of_face // every, 1))
+            for n, of_face in enumerate(count_of_faces)
+            if of_face
+        ]
+    )
+    _, ends = _followed(first, dims, direction)
+    return Columns(dims, direction, first, ends, every, begin)
+
+
+def _axes(direction: Index) -> list[int]:
+    return [axis for axis, along in enumerate(direction) if along]
+
+
+def _faces(dims: Index, axes: list[int]) -> Iterator[Index]:
+    """Of the lower faces of a level, across each of these axes: how many voxels, each counted for the first only."""
+    for n, across in enumerate(axes):
+        i, j, k = (1 if axis == across else size - (axis in axes[:n]) for axis, size in enumerate(dims))
+        yield (i, j, k)
+
+
+def _entries(dims: Index, axes: list[int], face: int, count: int) -> Voxels:
+    """The first voxels of `count` columns, spread evenly over one of the faces where they enter."""
+    across, sizes = axes[face], list(_faces(dims, axes))[face]
+    aside = [axis for axis in range(3) if axis != across]
+    width, height = (sizes[axis] for axis in aside)
+    n = np.arange(count, dtype=np.int64)
+    if count == width * height:
+        places = [n % width, n // width]
+    else:
+        places = [(2 * n + 1) * width // (2 * count), (n * GOLDEN_PART % (1 << GOLDEN_BITS)) * height >> GOLDEN_BITS]
+    first = np.zeros((count, 3), np.int32)
+    for axis, place in zip(aside, places, strict=True):
+        first[:, axis] = place + (axis in axes[:face])
+    return first
+
+
+def _followed(first: Voxels, dims: Index, direction: Index) -> tuple[Voxels, Places]:
+    """All voxels of the columns that enter there, and where each column ends.
+
+    One after the other takes its axes in another order. It enters between two voxels of its diagonal, and leaves so.
+    """
+    axes = _axes(direction)
+    rounds = min(dims[axis] for axis in axes) + 1
+    steps = np.zeros((factorial(len(axes)), rounds, len(axes), 3), np.int32)
+    for n, order in enumerate(permutations(axes)):
+        for at, axis in enumerate(order):
+            steps[n, :, at + 1 :, axis] = 1
+        steps[n, ..., axes] += np.arange(-1, rounds - 1, dtype=np.int32)[:, None]
+    of_orders = steps.reshape(len(steps), -1, 3)
+    voxels = first[:, None] + of_orders[np.arange(len(first)) % len(of_orders)]
+    there = ((voxels >= 0) & (voxels < dims)).all(axis=2)
+    found = voxels[there]
+    for axis in axes:
+        if direction[axis] < 0:
+            found[:, axis] = dims[axis] - 1 - found[:, axis]
+    return found, np.cumsum(there.sum(axis=1), dtype=np.int64)
+
+
+@lru_cache(maxsize=1)
+def _voxels_of(dims: Index) -> Voxels:
+    """All rows' voxels, axis by axis: (3, n)."""
+    return np.concatenate([columns.voxels().T for columns in columns_of(dims)], axis=1)
+
+
+def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Places, Rows]:
+    """Of a box of a level (k, j, i) whose lowest voxel is `low`: its voxels in columns, and which rows these are.
+
+    `finer` are the packets that it stands for: two along each axis that is halved, fewer at an odd end.
+    """
+    everywhere, size = _voxels_of(dims), coarser.shape[::-1]
+    inside = np.ones(everywhere.shape[1], bool)
+    for voxels, begin, length in zip(everywhere, low, size, strict=True):
+        inside &= (voxels >= begin) & (voxels < begin + length)
+    places = np.flatnonzero(inside)
+    there = [voxels[places] - begin for voxels, begin in zip(everywhere, low, strict=True)]
+    rows = np.full((len(places), ROW), BEYOND, np.uint32)
+    rows[:, 0] = _at(coarser, there)
+    factors = [1 if fine == coarse else 2 for fine, coarse in zip(finer.shape[::-1], size, strict=True)]
+    for child in range(8):
+        sides = [child >> axis & 1 for axis in range(3)]
+        if any(side >= factor for side, factor in zip(sides, factors, strict=True)):
+            continue
+        of_child = [factor * n + side for n, factor, side in zip(there, factors, sides, strict=True)]
+        ends = (n < end for n, end in zip(of_child, finer.shape[::-1], strict=True))  # one fewer at an odd end
+        within = np.flatnonzero(np.logical_and.reduce(list(ends)))
+        rows[within, 1 + child] = _at(finer, [n[within] for n in of_child])
+    return places, rows
+
+
+def _at(packets: Rows, voxels: Sequence[NDArray[np.int32]]) -> Rows:
+    i, j, k = voxels
+    found: Rows = packets[k, j, i]
+    return found
 
 
 class Reflected(NamedTuple):
@@ -52,106 +193,89 @@ class Reflected(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """From one end of the columns along an axis, for as much of the level as there are columns."""
+    """From one end of the columns in a direction, for as much of the level as there are columns."""
 
     emitted: tuple[float, float]  # by the finer level's voxels, and by the level's own
     reflected: tuple[Reflected, Reflected]  # likewise
 
 
-@lru_cache(maxsize=64)
-def columns_of(dims: Index) -> tuple[Columns, Columns, Columns]:
-    """Those of a level of so many voxels."""
-    along_i = _along(dims, 0, 0)
-    along_j = _along(dims, 1, along_i.end)
-    return along_i, along_j, _along(dims, 2, along_j.end)
+class Side(NamedTuple):
+    """From where a level is seen along its columns."""
 
-
-def _along(dims: Index, axis: int, begin: int) -> Columns:
-    width, height = (size for other, size in enumerate(dims) if other != axis)
-    count = min(max(COLUMN_VOXELS // 3 // dims[axis], 1), width * height)
-    n = np.arange(count, dtype=np.int64)
-    if count == width * height:
-        return Columns(axis, dims[axis], (n % width, n // width), begin)
-    across = (2 * n + 1) * width // (2 * count)
-    return Columns(axis, dims[axis], (across, (n * GOLDEN_PART % (1 << GOLDEN_BITS)) * height >> GOLDEN_BITS), begin)
-
-
-def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Places, Rows]:
-    """Of a box of a level (k, j, i) whose lowest voxel is `low`: its voxels in columns, and which rows these are.
-
-    `finer` are the packets that it stands for: two along each axis that is halved, fewer at an odd end.
-    """
-    places, rows = [], []
-    for columns in columns_of(dims):
-        inside, aside = _within(columns, coarser.shape, low)
-        depth = coarser.shape[2 - columns.axis]
-        first = columns.begin + inside * columns.depth + low[columns.axis]
-        places.append((first[:, None] + np.arange(depth)).reshape(-1))
-        rows.append(_rows(finer, coarser, columns.axis, aside).reshape(-1, ROW))
-    return np.concatenate(places), np.concatenate(rows)
-
-
-def _within(columns: Columns, shape: tuple[int, ...], low: Index) -> tuple[Places, list[Places]]:
-    """Which columns pass through a box, and where they are on its two other axes."""
-    others = [axis for axis in range(3) if axis != columns.axis]
-    aside = [places - low[axis] for places, axis in zip(columns.aside, others, strict=True)]
-    hit = [(0 <= places) & (places < shape[2 - axis]) for places, axis in zip(aside, others, strict=True)]
-    inside = np.flatnonzero(hit[0] & hit[1])
-    return inside, [places[inside] for places in aside]
-
-
-def _rows(finer: Rows, coarser: Rows, axis: int, aside: list[Places]) -> Rows:
-    """Those of whole columns through a box: (columns, depth, ROW)."""
-    rows = np.full((len(aside[0]), coarser.shape[2 - axis], ROW), BEYOND, np.uint32)
-    rows[..., 0] = _columns(coarser, axis, aside)
-    factors = [1 if fine == coarse else 2 for fine, coarse in zip(finer.shape[::-1], coarser.shape[::-1], strict=True)]
-    for child in range(8):
-        sides = [child >> along & 1 for along in range(3)]
-        if any(side >= factor for side, factor in zip(sides, factors, strict=True)):
-            continue
-        i, j, k = (slice(side, None, factor) for side, factor in zip(sides, factors, strict=True))
-        voxels = finer[k, j, i]  # one fewer at an odd end
-        others = [size for along, size in enumerate(voxels.shape[::-1]) if along != axis]
-        there = np.logical_and(*(places < size for places, size in zip(aside, others, strict=True)))
-        children = _columns(voxels, axis, [places[there] for places in aside])
-        rows[there, : children.shape[1], 1 + child] = children
-    return rows
-
-
-def _columns(voxels: Rows, axis: int, aside: list[Places]) -> Rows:
-    """The voxels (k, j, i) of columns along an axis: (columns, depth)."""
-    first, second = aside
-    return np.moveaxis(voxels, 2 - axis, 2)[second, first]
+    number: int  # of DIRECTIONS
+    from_high: bool  # whether the viewer is at their upper end
+    share: float  # of a column in what is seen of the level
 
 
 class LevelColumns:
-    """Those of one level."""
+    """Those of one level, in a third of their bytes until they are looked at, which is once for a scene's tables."""
 
     def __init__(self, volume: Geometry, finer: Geometry, level: Geometry, rows: Rows) -> None:
         """`finer` is the level before. Raises ValueError for rows that are not this level's, and for other levels."""
-        self._columns = columns_of(level.dims)
-        if rows.shape != (self._columns[-1].end, ROW) or rows.dtype != np.uint32:
+        columns = columns_of(level.dims)
+        if rows.shape != (columns[-1].end, ROW) or rows.dtype != np.uint32:
             raise ValueError(f"columns of a level of {level.dims} voxels are not of shape {rows.shape}")
-        self.levels = (finer, level)
         self.thickness = (thickness_of(volume, finer), thickness_of(volume, level))
+        self._levels = (finer, level)
         self._factors = factors_of(finer, level)
-        self._rows = rows
+        coder = zstandard.ZstdCompressor(level=QUICK)
+        self._coded = [coder.compress(rows[one.begin : one.end].data) for one in columns]
+        self._ends = [one.ends for one in columns]
+        self._steps = [step / level.reference_spacing for step in level.spacing]
+        self._each = [one.every / one.number for one in columns]  # that a column stands for
 
-    def area(self, axis: int) -> float:
-        """That one of those along an axis stands for, in voxels' sides of a cube."""
-        level = self.levels[-1]
-        others = [other for other in range(3) if other != axis]
-        sides = (level.dims[other] * level.spacing[other] / level.reference_spacing for other in others)
-        return math.prod(sides) / self._columns[axis].number
+    def sides(self, eye: Vector | None) -> list[Side]:
+        """From where to look if `eye` is towards the viewer, along i, j, k; with None along all axes alike.
 
-    def seen(self, axis: int, from_high: bool, finer: Looks, coarser: Looks) -> Seen:
-        """From the upper or the lower end of an axis."""
-        columns = self._columns[axis]
-        layers = self._factors[axis]
-        places = math.prod(self._factors) // layers
-        rows = self._rows[columns.begin : columns.end].data
+        A ray is made of an axis, a face's diagonal and a cube's, so that it crosses as many voxels on each axis.
+        """
+        if eye is None:
+            return [self._side(axis, False, 1.0 / step) for axis, step in enumerate(self._steps)]
+        crossed = [abs(along) / step for along, step in zip(eye, self._steps, strict=True)]
+        most_first = sorted(range(3), key=lambda axis: -crossed[axis])
+        sides, direction = [], [0, 0, 0]
+        for axis, less in zip(most_first, [*most_first[1:], None], strict=True):
+            direction[axis] = 1 if eye[axis] > 0.0 else -1
+            part = crossed[axis] - (0.0 if less is None else crossed[less])
+            if part > 0.0:
+                sides.append(self._towards(direction, part))
+        return sides
+
+    def _towards(self, direction: Sequence[int], part: float) -> Side:
+        i, j, k = direction
+        from_high = (i, j, k) in DIRECTIONS
+        number = DIRECTIONS.index((i, j, k) if from_high else (-i, -j, -k))
+        return self._side(number, from_high, part)
+
+    def _side(self, number: int, from_high: bool, part: float) -> Side:
+        return Side(number, from_high, part * self._each[number])
+
+    def lengths(self, number: int) -> tuple[float, float]:
+        """What a column runs in a layer of the finer level and in a voxel of the level, in their reference spacings."""
+        direction, (finer, level) = DIRECTIONS[number], self._levels
+        moved = matrices.length(matrices.applied(level.index_to_physical, direction)) / sum(map(abs, direction))
+        return moved / self._layers(number) / finer.reference_spacing, moved / level.reference_spacing
+
+    def _layers(self, number: int) -> int:
+        """Of the finer level, that are seen one behind the other in a voxel: along diagonals footprints mix them."""
+        return self._factors[number] if DIRECTIONS[number] in AXES else 1
+
+    def seen(self, number: int, finer: Looks, coarser: Looks) -> tuple[Seen, Seen]:
+        """In one of DIRECTIONS, from the lower and from the upper end."""
+        rows = np.frombuffer(zstandard.decompress(self._coded[number]), np.uint32).reshape(-1, ROW)
+        return self._seen(number, rows, False, finer, coarser), self._seen(number, rows, True, finer, coarser)
+
+    def _seen(self, number: int, rows: Rows, from_high: bool, finer: Looks, coarser: Looks) -> Seen:
+        layers = self._layers(number)
         of_levels = _kernels.seen_in_columns(
-            rows, columns.depth, axis, from_high, layers, places, finer.data, coarser.data
+            rows.data,
+            self._ends[number].data,
+            number if DIRECTIONS[number] in AXES else NO_AXIS,
+            from_high,
+            layers,
+            prod(self._factors) // layers,
+            finer.data,
+            coarser.data,
         )
         (finer_emitted, *of_finer), (coarser_emitted, *of_coarser) = of_levels
         reflected = (Reflected(*map(np.asarray, of_finer)), Reflected(*map(np.asarray, of_coarser)))

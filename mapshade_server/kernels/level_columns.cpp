@@ -10,10 +10,10 @@ namespace volsplat {
 
 namespace {
 
-constexpr double kApart = 0.25;         // of the finer light is that of columns for themselves
+constexpr double kApart = 0.25;         // of the finer light along axes is that of columns for themselves
 constexpr double kHidden = 1.0 / 1024;  // as little as freezes a pixel
 constexpr double kLeastColour = 1e-9;   // anything less reflects nothing
-constexpr int kPlaces = 4;              // of a layer of eight voxels
+constexpr int kPlaces = 8;              // of a layer at most
 
 const VoxelLook kNothing{0.0, 1.0, 0.0, {}};
 
@@ -77,10 +77,11 @@ private:
     double through_ = 1.0;
 };
 
-// Likewise behind the layers of those that they stand for, and behind each column of these for itself.
+// Likewise behind the layers of those that they stand for, and behind each column of these for itself, of which so
+// much of the light is.
 class FinerColumn {
 public:
-    FinerColumn(Sight& sight, int places) : sight_(sight), places_(places) {}
+    FinerColumn(Sight& sight, int places, double apart) : sight_(sight), places_(places), part_apart_(apart) {}
 
     void begin() {
         through_ = 1.0;
@@ -88,22 +89,22 @@ public:
     }
     double through() const { return through_; }
 
-    // A layer of these packets.
-    void layer(const std::uint32_t (&packets)[kPlaces]) {
+    // A layer of n of these packets.
+    void layer(const std::uint32_t (&packets)[kPlaces], int count) {
         const VoxelLook* looks[kPlaces];
         double depth = 0.0, through = 1.0;
-        for (int n = 0; n < kPlaces; ++n) {
+        for (int n = 0; n < count; ++n) {
             looks[n] = &sight_.of(packets[n]);
             depth += looks[n]->depth;
             through *= looks[n]->through;
         }
         if (depth == 0.0) return;
         for (int n = places_; n > 1; n /= 2) through = std::sqrt(through);
-        const double left = through_ * through, seen = (1.0 - kApart) * (through_ - left) / depth;
-        for (int n = 0; n < kPlaces; ++n) {
+        const double left = through_ * through, seen = (1.0 - part_apart_) * (through_ - left) / depth;
+        for (int n = 0; n < count; ++n) {
             if (looks[n]->depth == 0.0) continue;
             const double apart = apart_[n] * looks[n]->through;
-            sight_.add(packets[n], *looks[n], seen * looks[n]->depth + kApart / places_ * (apart_[n] - apart));
+            sight_.add(packets[n], *looks[n], seen * looks[n]->depth + part_apart_ / places_ * (apart_[n] - apart));
             apart_[n] = apart;
         }
         through_ = left;
@@ -112,30 +113,42 @@ public:
 private:
     Sight& sight_;
     int places_;
-    double through_ = 1.0, apart_[kPlaces];
+    double part_apart_, through_ = 1.0, apart_[kPlaces];
 };
+
+// The packets that a row's voxel stands for, a layer at a time as the viewer sees them.
+void finer_layers(const ColumnView& view, const std::uint32_t* row, FinerColumn& fine) {
+    std::uint32_t packets[kPlaces];
+    if (view.axis == ColumnView::kNoAxis) {
+        std::copy_n(row + 1, kPlaces, packets);
+        return fine.layer(packets, kPlaces);
+    }
+    for (const int side : {int{view.from_high}, int{!view.from_high}}) {
+        int place = 0;
+        for (int child = 0; child < kPlaces; ++child)
+            if ((child >> view.axis & 1) == side) packets[place++] = row[child + 1];
+        fine.layer(packets, place);
+    }
+}
 
 }  // namespace
 
 SeenOfLevels seen_in_columns(const ColumnView& view, const VoxelLook* finer, const VoxelLook* coarser) {
     Sight fine_sight(finer), coarse_sight(coarser);
-    FinerColumn fine(fine_sight, view.places);
+    FinerColumn fine(fine_sight, view.places, view.axis == ColumnView::kNoAxis ? 0.0 : kApart);
     CoarserColumn coarse(coarse_sight, view.layers * view.places);
+    std::int64_t begin = 0;
     for (std::size_t column = 0; column < view.columns; ++column) {
+        const std::int64_t end = view.ends[column];
         fine.begin();
         coarse.begin();
-        for (std::size_t n = 0; n < view.depth && (fine.through() > kHidden || coarse.through() > kHidden); ++n) {
-            const std::size_t at = view.from_high ? view.depth - 1 - n : n;
-            const std::uint32_t* const row = view.rows + (column * view.depth + at) * ColumnView::kRow;
+        for (std::int64_t n = begin; n < end && (fine.through() > kHidden || coarse.through() > kHidden); ++n) {
+            const std::int64_t at = view.from_high ? end - 1 - (n - begin) : n;
+            const std::uint32_t* const row = view.rows + at * ColumnView::kRow;
             coarse.row(row);
-            for (int layer = 0; layer < 2; ++layer) {
-                const int side = view.from_high ? 1 - layer : layer;
-                std::uint32_t packets[kPlaces];
-                for (int child = 0, place = 0; child < 8; ++child)
-                    if ((child >> view.axis & 1) == side) packets[place++] = row[child + 1];
-                fine.layer(packets);
-            }
+            finer_layers(view, row, fine);
         }
+        begin = end;
     }
     return {fine_sight.seen(), coarse_sight.seen()};
 }

@@ -12,12 +12,14 @@ namespace volsplat {
 struct ColumnView {
     static constexpr int kRow = 9;
     static constexpr std::uint32_t kBeyond = 0xFFFFFFFFu;
+    static constexpr int kNoAxis = -1;
 
     const std::uint32_t* rows;
-    std::size_t columns, depth;
-    int axis;        // along which they run
+    const std::int64_t* ends;  // of each column, among the rows
+    std::size_t columns;
+    int axis;        // along which they run; kNoAxis along a diagonal, where all voxels of a row are one layer
     bool from_high;  // whether the viewer is at their upper end
-    int layers;      // along the axis, and voxels of each, that a voxel stands for unless it reaches beyond the volume
+    int layers;      // that a voxel stands for unless it reaches beyond the volume, and voxels of each
     int places;
 };
 
@@ -41,8 +43,8 @@ struct SeenOfLevels {
     SeenLight finer, coarser;
 };
 
-// The finer light is that of layers, whose places are seen as one, and partly that of columns of single voxels:
-// footprints blur a level's means less far beyond their rims than layers alone would say.
+// The finer light is that of layers, whose places are seen as one, and along axes partly that of columns of single
+// voxels: footprints blur a level's means less far beyond their rims than layers alone would say.
 // Sums are taken in one order.
 SeenOfLevels seen_in_columns(const ColumnView& columns, const VoxelLook* finer, const VoxelLook* coarser);
 

@@ -1,7 +1,7 @@
 """Columns of a level's voxels: which they are, what is seen of them, and that a level becomes as bright as they say."""
 
 import math
-from itertools import pairwise
+from itertools import pairwise, permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,18 @@ from volsplat.mapshade_server.frames.level_light import (
     factor,
     reflected_in_steps,
 )
-from volsplat.mapshade_server.held.level_columns import COLUMN_VOXELS, LevelColumns, columns_of, rows_within
+from volsplat.mapshade_server.held.level_columns import (
+    AXES,
+    AXIS_VOXELS,
+    DIAGONAL_VOXELS,
+    DIRECTIONS,
+    LEAST_COLUMNS,
+    NO_AXIS,
+    Columns,
+    LevelColumns,
+    columns_of,
+    rows_within,
+)
 from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
@@ -40,17 +51,69 @@ HALF_A_STEP = 0.51 / ROUNDED_TO  # half a step of what multiplies a level's ligh
 ALONG_I, ALONG_J, ALONG_K = range(3)
 
 
-def test_there_are_as_many_columns_as_memory_allows_and_they_are_spread_evenly() -> None:
+def entries(columns: Columns) -> NDArray[np.int32]:
+    """The first voxel of each column, which is at its lower end."""
+    return columns.voxels()[[0, *columns.ends[:-1].tolist()]]
+
+
+def test_there_are_as_many_columns_as_memory_allows() -> None:
+    dims = (200, 128, 150)
+    found = columns_of(dims)
+    assert [columns.direction for columns in found] == list(DIRECTIONS)
+    for columns in found:
+        rows = AXIS_VOXELS / 3 if columns.direction in AXES else DIAGONAL_VOXELS / 10
+        assert 0.95 * rows <= len(columns.voxels()) <= 1.05 * rows
+        different = {part.tobytes() for part in np.split(columns.voxels(), columns.ends[:-1])}
+        assert LEAST_COLUMNS < len(different) <= columns.number < columns.every
+        assert len(different) > 0.98 * columns.number  # some that enter side by side, in other orders, are one
+
+
+def test_of_large_levels_there_are_still_some_columns() -> None:
+    for columns in columns_of((700, 690, 710)):
+        assert columns.number == pytest.approx(LEAST_COLUMNS, abs=2)
+
+
+def test_along_axes_columns_are_spread_evenly() -> None:
     dims = (512, 300, 700)
+    for columns in columns_of(dims)[:3]:
+        first = entries(columns)
+        axis = columns.direction.index(1)
+        assert not first[:, axis].any() and len(columns.voxels()) == columns.number * dims[axis]
+        for aside in {0, 1, 2} - {axis}:
+            gaps = [after - before for before, after in pairwise([0, *sorted(first[:, aside].tolist()), dims[aside]])]
+            assert max(gaps) <= 4 * dims[aside] / columns.number
+
+
+def test_along_diagonals_columns_are_as_dense_on_each_face_that_they_enter() -> None:
+    for columns in columns_of((60, 40, 50))[3:]:
+        inwards = entries(columns)
+        for axis, along in enumerate(columns.direction):
+            if along < 0:
+                inwards[:, axis] = (60, 40, 50)[axis] - 1 - inwards[:, axis]
+        axes = [axis for axis, along in enumerate(columns.direction) if along]
+        on_faces = [float((inwards[:, axis] == 0).mean()) for axis in axes]
+        sizes = [math.prod((60, 40, 50)) // (60, 40, 50)[axis] / columns.every for axis in axes]
+        assert on_faces == pytest.approx(sizes, abs=0.05)
+
+
+@given(dims=SIZES)
+@example(dims=(1, 1, 1))
+@example(dims=(1, 7, 3))
+def test_columns_take_one_axis_after_the_other_from_end_to_end(dims: Index) -> None:
+    """So small a level has all that there are."""
     for columns in columns_of(dims):
-        assert columns.depth == dims[columns.axis]
-        assert columns.number * columns.depth <= COLUMN_VOXELS / 3 < (columns.number + 1) * columns.depth
-        sides = [size for axis, size in enumerate(dims) if axis != columns.axis]
-        for places, size in zip(columns.aside, sides, strict=True):
-            assert 0 <= places.min() and places.max() < size
-            gaps = [after - before for before, after in pairwise([0, *sorted(places.tolist()), size])]
-            assert max(gaps) <= 4 * size / columns.number
-        assert len(set(zip(*(places.tolist() for places in columns.aside), strict=True))) == columns.number
+        axes = [axis for axis, along in enumerate(columns.direction) if along]
+        orders = list(permutations(axes))
+        assert columns.number == columns.every
+        assert len(np.unique(columns.voxels(), axis=0)) == math.prod(dims)
+        begin = 0
+        for n, end in enumerate(columns.ends.tolist()):
+            voxels = [tuple(voxel) for voxel in columns.voxels()[begin:end].tolist()]
+            order = orders[n % len(orders)]
+            assert any(
+                voxels == level_columns.column(dims, columns.direction, voxel, order) for voxel in voxels[: len(axes)]
+            )
+            begin = end
 
 
 @given(dims=SIZES, factors=FACTORS, seed=st.integers(0, 1000))
@@ -59,11 +122,26 @@ def test_rows_are_those_of_the_reference(dims: tuple[int, ...], factors: tuple[i
     size = (coarser.shape[2], coarser.shape[1], coarser.shape[0])
     places, rows = rows_within(as_packets(finer), as_packets(coarser), (0, 0, 0), size)
     assert places.tolist() == list(range(len(rows)))
+    ni, nj, nk = map(range, size)
+    expected = {voxel: level_columns.row(finer, coarser, voxel) for voxel in product(ni, nj, nk)}
     for columns in columns_of(size):
-        for n, (column, row) in enumerate(zip(*columns.aside, strict=True)):
-            begin = columns.begin + n * columns.depth
-            expected = level_columns.rows(finer, coarser, columns.axis, int(column), int(row))
-            assert torch.equal(torch.from_numpy(rows[begin : begin + columns.depth].astype(np.int64)), expected)
+        of_columns = rows[columns.begin : columns.end].tolist()
+        for voxel, row in zip(columns.voxels().tolist(), of_columns, strict=True):
+            i, j, k = voxel
+            assert row == expected[i, j, k]
+
+
+@given(dims=SIZES, seed=st.integers(0, 1000), cut=st.integers(1, 4))
+def test_parts_of_a_level_give_the_rows_of_all_of_it(dims: tuple[int, ...], seed: int, cut: int) -> None:
+    finer, coarser = as_packets(drawn_packets(dims, seed)), as_packets(drawn_packets(halves(dims), seed + 1))
+    size = (coarser.shape[2], coarser.shape[1], coarser.shape[0])
+    _, expected = rows_within(finer, coarser, (0, 0, 0), size)
+    rows = np.zeros_like(expected)
+    for low, high in ((0, cut), (cut, size[2])):
+        if low < min(high, size[2]):
+            places, of_part = rows_within(finer[2 * low : 2 * high], coarser[low:high], (0, 0, low), size)
+            rows[places] = of_part
+    assert np.array_equal(rows, expected)
 
 
 def with_what_is_let_through(table: Tensor) -> NDArray[np.float64]:
@@ -71,9 +149,15 @@ def with_what_is_let_through(table: Tensor) -> NDArray[np.float64]:
     return np.insert(table.numpy(), 1, np.exp(-table[:, 0].numpy()), axis=1)
 
 
-@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), from_high=st.booleans(), factors=FACTORS)
-@example(seed=1, axis=2, from_high=True, factors=(2, 2, 1))
-def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high: bool, factors: Index) -> None:
+@given(
+    seed=st.integers(0, 1000),
+    axis=st.sampled_from([None, ALONG_I, ALONG_J, ALONG_K]),
+    from_high=st.booleans(),
+    factors=FACTORS,
+)
+@example(seed=1, axis=ALONG_K, from_high=True, factors=(2, 2, 1))
+@example(seed=1, axis=None, from_high=True, factors=(2, 2, 1))
+def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int | None, from_high: bool, factors: Index) -> None:
     random = torch.Generator().manual_seed(seed)
     rows = drawn_packets((6, 9), seed)
     rows[-1, 5:] = level_columns.BEYOND
@@ -82,14 +166,16 @@ def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high
             rows[:, 1 + child] = level_columns.BEYOND
     finer, coarser = torch.rand((2, 65536, 6), dtype=torch.float64, generator=random)
     finer[::2, 0] = 0.0
-    expected = level_columns.seen(rows, axis, from_high, finer, coarser, factors)
+    parts = [level_columns.seen(part, axis, from_high, finer, coarser, factors) for part in (rows[:2], rows[2:])]
+    expected = [first + second for first, second in zip(*parts, strict=True)]
+    layers = 1 if axis is None else factors[axis]
     got = _kernels.seen_in_columns(
         as_packets(rows).data,
-        6,
-        axis,
+        np.array([2, 6]).data,
+        NO_AXIS if axis is None else axis,
         from_high,
-        factors[axis],
-        math.prod(factors) // factors[axis],
+        layers,
+        math.prod(factors) // layers,
         with_what_is_let_through(finer).data,
         with_what_is_let_through(coarser).data,
     )
@@ -101,6 +187,15 @@ def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int, from_high
     assert expected[0] >= 0.0 and expected[1] > 0.0  # half of the finer opacities are 0, by chance all of them
 
 
+@pytest.mark.parametrize("ends", [[2, 1, 6], [2, 5], [2, 7], []])
+def test_columns_that_do_not_end_with_their_rows_are_refused(ends: list[int]) -> None:
+    looks = np.zeros((65536, 7))
+    with pytest.raises(ValueError, match="columns"):
+        _kernels.seen_in_columns(
+            np.zeros((6, 9), np.uint32).data, np.array(ends, np.int64).data, 0, True, 2, 4, looks.data, looks.data
+        )
+
+
 def test_thin_layers_are_as_deep_as_they_are_thick() -> None:
     thin = np.array([0.0, 1e-6])
     assert depths(thin, 1.0, 0.25) == pytest.approx(thin, rel=1e-3)
@@ -108,9 +203,14 @@ def test_thin_layers_are_as_deep_as_they_are_thick() -> None:
     assert depths(np.array([0.5]), 1.0, 0.25)[0] > 0.5
 
 
-def level_of_one_kind(finer_packet: int, coarser_packet: int) -> LevelColumns:
-    volume = Geometry((8, 8, 8))
-    level = halved_geometry(volume)
+def level_of_one_kind(
+    finer_packet: int, coarser_packet: int, spacing: matrices.Vector = (1.0, 1.0, 1.0)
+) -> LevelColumns:
+    """Of spacings like these."""
+    i, j, k = spacing
+    volume, level = (
+        Geometry((n, n, n), ((f * i, 0.0, 0.0), (0.0, f * j, 0.0), (0.0, 0.0, f * k))) for n, f in ((8, 1), (4, 2))
+    )
     rows = np.full((columns_of(level.dims)[-1].end, 9), finer_packet, np.uint32)
     rows[:, 0] = coarser_packet
     return LevelColumns(volume, volume, level, rows)
@@ -130,18 +230,22 @@ def test_what_is_emitted_and_reflected_is_made_up_for_apart(eye: matrices.Vector
 
 class AnyLevel(NamedTuple):
     seen: SeenLevel
+    columns: LevelColumns
     rows: Tensor
     looks: list[Look]  # of the volume and of the level
     dims: Index
 
-    def by_reference(self, axis: int, from_high: bool) -> tuple[float, float, Tensor, Tensor]:
-        """Emitted and reflected, as the reference sees all columns along an axis."""
+    def by_reference(self, number: int, from_high: bool) -> tuple[float, float, Tensor, Tensor]:
+        """Emitted and reflected, as the reference sees all columns in a direction."""
+        columns = columns_of(self.dims)[number]
+        axes = [axis for axis, along in enumerate(columns.direction) if along]
+        lengths = (1.0, 1.0) if len(axes) == 1 else (2.0 / math.sqrt(len(axes)), 1.0 / math.sqrt(len(axes)))
         tables = [
-            torch.from_numpy(np.column_stack((depths(look.opacity, thickness, thickness**2 / 4), *look[1:])))
-            for look, thickness in zip(self.looks, (1.0, 2.0), strict=True)
+            torch.from_numpy(np.column_stack((length * depths(look.opacity, thickness, thickness**2 / 4), *look[1:])))
+            for look, thickness, length in zip(self.looks, (1.0, 2.0), lengths, strict=True)
         ]
-        columns = columns_of(self.dims)[axis]
-        rows = self.rows[columns.begin : columns.end].reshape(columns.number, columns.depth, -1)
+        rows = self.rows[columns.begin : columns.end].tensor_split(columns.ends[:-1].tolist())
+        axis = axes[0] if len(axes) == 1 else None
         seen = [level_columns.seen(column, axis, from_high, tables[0], tables[1]) for column in rows]
         of_finer, of_coarser, *reflected = zip(*seen, strict=True)
         return math.fsum(of_finer), math.fsum(of_coarser), sum(reflected[0]), sum(reflected[1])
@@ -153,39 +257,65 @@ def any_level(seed: int) -> AnyLevel:
     rows = drawn_packets((columns_of(level.dims)[-1].end, 9), seed)
     numbers = [torch.rand((65536, 6), dtype=torch.float64, generator=random).numpy() for _ in range(2)]
     looks = [Look(table[:, 0], table[:, 1], table[:, 2:]) for table in numbers]
-    seen = SeenLevel(LevelColumns(volume, volume, level, as_packets(rows)), looks[0], looks[1])
-    return AnyLevel(seen, rows, looks, level.dims)
+    columns = LevelColumns(volume, volume, level, as_packets(rows))
+    return AnyLevel(SeenLevel(columns, looks[0], looks[1]), columns, rows, looks, level.dims)
+
+
+def towards(number: int, from_high: bool) -> matrices.Vector:
+    """The eye at an end of a direction's columns."""
+    i, j, k = DIRECTIONS[number]
+    return matrices.scaled(matrices.normalised((i, j, k)), 1.0 if from_high else -1.0)
+
+
+NUMBERS = st.integers(0, len(DIRECTIONS) - 1)
 
 
 @settings(max_examples=examples(20))
-@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), along=st.sampled_from([1.0, -1.0]))
-def test_along_each_axis_a_level_emits_what_the_reference_sees_of_the_one_before(
-    seed: int, axis: int, along: float
+@given(seed=st.integers(0, 1000), number=NUMBERS, from_high=st.booleans())
+def test_in_each_direction_a_level_emits_what_the_reference_sees_of_the_one_before(
+    seed: int, number: int, from_high: bool
 ) -> None:
     level = any_level(seed)
-    ends = [level.by_reference(axis, from_high)[:2] for from_high in (False, True)]
+    ends = [level.by_reference(number, end)[:2] for end in (False, True)]
     finer, coarser = (math.fsum(each) for each in zip(*ends, strict=True))
-    i, j, k = (along * (n == axis) for n in range(3))
-    assert level.seen.emission((i, j, k)) == factor(finer, coarser)
+    assert level.seen.emission(towards(number, from_high)) == factor(finer, coarser)
 
 
 @settings(max_examples=examples(20))
-@given(seed=st.integers(0, 1000), axis=st.integers(0, 2), along=st.sampled_from([1.0, -1.0]))
-def test_along_each_axis_a_level_reflects_what_the_reference_sees_of_the_one_before(
-    seed: int, axis: int, along: float
+@given(seed=st.integers(0, 1000), number=NUMBERS, from_high=st.booleans())
+def test_in_each_direction_a_level_reflects_what_the_reference_sees_of_the_one_before(
+    seed: int, number: int, from_high: bool
 ) -> None:
     level, random = any_level(seed), torch.Generator().manual_seed(seed)
     light, level_light = 0.5 + torch.rand((2, 32768), dtype=torch.float64, generator=random)
-    _, _, of_finer, of_coarser = level.by_reference(axis, along > 0.0)
+    _, _, of_finer, of_coarser = level.by_reference(number, from_high)
     light *= level_columns.lit(of_coarser, level_light) / level_columns.lit(of_finer, light)
     expected = level_columns.lit(of_finer, light)
-    i, j, k = (along * (n == axis) for n in range(3))
-    found = level.seen.light((i, j, k), light.numpy(), level_light.numpy())
+    found = level.seen.light(towards(number, from_high), light.numpy(), level_light.numpy())
     less, more = (
         level_columns.lit(of_coarser, factor * level_light) for factor in (found - HALF_A_STEP, found + HALF_A_STEP)
     )
     assert less < expected or found == LEAST_FACTOR
     assert expected < more or found == GREATEST_FACTOR
+
+
+@given(
+    spacing=st.tuples(*[st.floats(0.5, 2.0)] * 3),
+    eye=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda eye: math.hypot(*eye) > 0.1),
+)
+def test_a_ray_crosses_as_many_voxels_as_the_columns_that_it_is_made_of(
+    spacing: matrices.Vector, eye: matrices.Vector
+) -> None:
+    columns = level_of_one_kind(0, 0, spacing)
+    sides = columns.sides(eye)
+    assert 1 <= len(sides) <= 3 and all(side.share > 0.0 for side in sides)
+    counts = columns_of((4, 4, 4))
+    crossed = np.zeros(3)
+    for number, from_high, share in sides:
+        part = share * counts[number].number / counts[number].every
+        crossed += part * np.array(DIRECTIONS[number]) * (1 if from_high else -1)
+    expected = np.array(eye) / np.array(spacing) * matrices.cube_root(math.prod(spacing))
+    assert crossed == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_light_that_voxels_have_no_room_for_counts_as_much_as_they_have() -> None:
@@ -218,12 +348,12 @@ def test_by_whole_steps_of_light_voxels_reflect_what_they_have_room_for(
 
 @settings(max_examples=examples(20))
 @given(seed=st.integers(0, 1000), turn=st.floats(0.0, 6.0), rise=st.floats(-1.5, 1.5))
-def test_obliquely_a_level_emits_between_what_it_does_along_the_axes(seed: int, turn: float, rise: float) -> None:
-    seen = any_level(seed).seen
+def test_between_directions_a_level_emits_between_what_it_does_in_each(seed: int, turn: float, rise: float) -> None:
+    level = any_level(seed)
     eye = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
-    sides = [(eye[0], 0.0, 0.0), (0.0, eye[1], 0.0), (0.0, 0.0, eye[2])]
-    of_sides = [seen.emission(side) for side, along in zip(sides, eye, strict=True) if along]
-    assert min(of_sides) <= seen.emission(eye) <= max(of_sides)
+    sides = level.columns.sides(eye)
+    of_sides = [level.seen.emission(towards(side.number, side.from_high)) for side in sides]
+    assert min(of_sides) <= level.seen.emission(eye) <= max(of_sides)
 
 
 def test_of_nothing_there_is_nothing_to_make_up_for() -> None:

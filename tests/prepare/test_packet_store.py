@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 
 from support.files.prepared import ODD_DIMS, SMALL, packed_whole, prepare_small, store_of, values_of, written
 from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held.level_columns import DIRECTIONS
 from volsplat.mapshade_server.held.packet_store import STORED, PacketStore, is_store, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.layout import Layout
@@ -196,7 +197,7 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 5, this version reads format 8; delete it and run"):
+    with pytest.raises(BadInput, match="of format 5, this version reads format 9; delete it and run"):
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
@@ -335,7 +336,7 @@ def what_voxels_stand_for(store: PacketStore, level: int) -> bytes:
 def seen_in_columns(store: PacketStore, level: int) -> list[object]:
     mixture = store.mixture(level)
     assert mixture is not None and mixture.columns is not None
-    seen = [mixture.columns.seen(axis, True, *REFLECTED) for axis in range(3)]
+    seen = [one for number in range(len(DIRECTIONS)) for one in mixture.columns.seen(number, *REFLECTED)]
     return [(*one.emitted, *(part.tobytes() for reflected in one.reflected for part in reflected)) for one in seen]
 
 

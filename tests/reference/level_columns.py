@@ -15,36 +15,50 @@ APART = 0.25
 STEPS, STEP = 4, 0.5  # of the light
 
 
-def rows(finer: Tensor, coarser: Tensor, axis: int, column: int, row: int) -> Tensor:
-    """Those of one column along an axis, int64 (depth, 9). It is at `column` and `row` on the two other axes."""
+def row(finer: Tensor, coarser: Tensor, voxel: tuple[int, int, int]) -> list[int]:
+    """A voxel (i, j, k) of the level, and the eight that it stands for."""
+    k, j, i = reversed(voxel)
+    told, sides = [int(coarser[k, j, i])], sides_of(finer.shape, coarser.shape)
+    for corner in product((0, 1), repeat=3):
+        child = tuple(n * side + at for n, side, at in zip((k, j, i), sides, corner, strict=True))
+        there = all(at < side for at, side in zip(corner, sides, strict=True)) and all(
+            n < size for n, size in zip(child, finer.shape, strict=True)
+        )
+        told.append(int(finer[child]) if there else BEYOND)
+    return told
+
+
+def column(
+    dims: tuple[int, int, int], direction: tuple[int, int, int], first: tuple[int, int, int], order: tuple[int, ...]
+) -> list[tuple[int, ...]]:
+    """The voxels (i, j, k) of the column that goes through this one, and takes its axes in this order from there."""
     found = []
-    sides = sides_of(finer.shape, coarser.shape)
-    for depth in range(coarser.shape[2 - axis]):
-        index = [column, row]
-        index.insert(axis, depth)
-        i, j, k = index
-        told = [int(coarser[k, j, i])]
-        for corner in product((0, 1), repeat=3):
-            child = tuple(n * side + at for n, side, at in zip((k, j, i), sides, corner, strict=True))
-            there = all(at < side for at, side in zip(corner, sides, strict=True)) and all(
-                n < size for n, size in zip(child, finer.shape, strict=True)
-            )
-            told.append(int(finer[child]) if there else BEYOND)
-        found.append(told)
-    return torch.tensor(found)
+    for turn in range(-max(dims), max(dims) + 1):
+        voxel = [at + turn * along for at, along in zip(first, direction, strict=True)]
+        for axis in order:
+            if all(0 <= at < size for at, size in zip(voxel, dims, strict=True)):
+                found.append(tuple(voxel))
+            voxel[axis] += direction[axis]
+    return found
 
 
 def seen(
-    column: Tensor, axis: int, from_high: bool, finer: Tensor, coarser: Tensor, sides: tuple[int, int, int] = (2, 2, 2)
+    column: Tensor,
+    axis: int | None,
+    from_high: bool,
+    finer: Tensor,
+    coarser: Tensor,
+    sides: tuple[int, int, int] = (2, 2, 2),
 ) -> tuple[float, float, Tensor, Tensor]:
     """Emitted by the finer and the coarser voxels of one column, and reflected by direction code and step of the light.
 
     Tables have a layer's depth, what is emitted, and what is reflected of each step. A coarser voxel stands for so many
-    finer ones along i, j, k.
+    finer ones along i, j, k; without an axis, of a diagonal, all these are one layer.
     """
-    places = math.prod(sides) // sides[axis]
-    emitted, through = [0.0, 0.0], [1.0] * 6
-    shares = [1 - APART, 1.0, *[APART / places] * 4]  # of finer layers, the coarser voxels, up to four finer columns
+    places = math.prod(sides) // (1 if axis is None else sides[axis])
+    apart = 0.0 if axis is None else APART
+    emitted, through = [0.0, 0.0], [1.0] * 10
+    shares = [1 - apart, 1.0, *[apart / places] * 8]  # of finer layers, the coarser voxels, finer columns
     reflected = [torch.zeros((CODES, STEPS), dtype=torch.float64) for _ in range(2)]
 
     def layer(which: int, packets: list[int], table: Tensor, places: float) -> None:
@@ -65,8 +79,8 @@ def seen(
             break
         there = sum(packet != BEYOND for packet in told[1:])
         layer(1, told[:1], coarser, math.prod(sides) / there)
-        for side in (1, 0) if from_high else (0, 1):
-            packets = [packet for n, packet in enumerate(told[1:]) if n >> axis & 1 == side]
+        for side in (None,) if axis is None else (1, 0) if from_high else (0, 1):
+            packets = [packet for n, packet in enumerate(told[1:]) if side is None or n >> (axis or 0) & 1 == side]
             layer(0, packets, finer, places)
             for n, packet in enumerate(packets):
                 layer(2 + n, [packet], finer, 1.0)

@@ -60,10 +60,15 @@ nb::object copied(const std::vector<Number>& numbers) {
 
 using Rows = nb::ndarray<const std::uint32_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-void check_columns(const Rows& rows, std::size_t depth, int axis, const Table& finer, const Table& coarser) {
-    if (rows.shape(1) != ColumnView::kRow || depth == 0 || rows.shape(0) % depth != 0)
-        throw std::invalid_argument("columns have rows of 9 packets, as many each");
-    if (axis < 0 || axis > 2) throw std::invalid_argument("columns run along one of three axes");
+using Ends = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+void check_columns(const Rows& rows, const Ends& ends, int axis, const Table& finer, const Table& coarser) {
+    std::int64_t begin = 0;
+    for (std::size_t n = 0; n < ends.shape(0); begin = ends.data()[n++])
+        if (ends.data()[n] < begin) throw std::invalid_argument("columns end one after the other");
+    if (rows.shape(1) != ColumnView::kRow || static_cast<std::size_t>(begin) != rows.shape(0))
+        throw std::invalid_argument("columns have rows of 9 packets, and the last one ends with them");
+    if (axis < ColumnView::kNoAxis || axis > 2) throw std::invalid_argument("columns run along three axes or none");
     for (const Table* table : {&finer, &coarser}) {
         check_rows(*table, kPlaneEntries);
         if (table->shape(1) != kLookNumbers) throw std::invalid_argument("what voxels look like takes seven numbers");
@@ -79,10 +84,10 @@ nb::tuple python_seen(SeenLight seen) {
                           owned_array(std::move(seen.reflected), n, kLightSteps));
 }
 
-nb::object python_seen_in_columns(const Rows& rows, std::size_t depth, int axis, bool from_high, int layers, int places,
+nb::object python_seen_in_columns(const Rows& rows, const Ends& ends, int axis, bool from_high, int layers, int places,
                                   const Table& finer, const Table& coarser) {
-    check_columns(rows, depth, axis, finer, coarser);
-    const ColumnView view{rows.data(), rows.shape(0) / depth, depth, axis, from_high, layers, places};
+    check_columns(rows, ends, axis, finer, coarser);
+    const ColumnView view{rows.data(), ends.data(), ends.shape(0), axis, from_high, layers, places};
     SeenOfLevels seen;
     {
         const Unlocked unlocked;
@@ -158,7 +163,7 @@ void bind_mixtures(nb::module_& m) {
             return owned_array(unbinned(table.data(), table.shape(1)), kPlaneEntries, table.shape(1));
         },
         "table"_a);
-    m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "depth"_a, "axis"_a, "from_high"_a, "layers"_a,
+    m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "ends"_a, "axis"_a, "from_high"_a, "layers"_a,
           "places"_a, "finer"_a, "coarser"_a);
     m.def("reflected_in_steps", &python_reflected_in_steps, "refl"_a, "room"_a, "step"_a);
     nb::class_<ReflectedLight>(m, "ReflectedLight")
