@@ -11,6 +11,7 @@ import site
 import struct
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import volsplat
@@ -62,8 +63,9 @@ def confine_reading(folders: Iterable[Path]) -> None:
     rules = libc.syscall(CREATE_RULESET, handled, ctypes.c_size_t(len(handled)), 0)
     if rules < 0:
         raise BadInput("--data-root needs Landlock, which this system lacks; use Linux 5.13 or later, or leave it out")
+    folders = tuple(folders)
     try:
-        for place in {*map(str, folders), *_own()}:
+        for place in {*map(str, (*folders, *_named_by_pythonpath(folders))), *_own()}:
             _allow(libc, rules, place)
         if libc.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0) or libc.syscall(RESTRICT_SELF, rules, 0):
             raise BadInput(f"--data-root cannot be held to: {os.strerror(ctypes.get_errno())}; leave it out")
@@ -76,19 +78,28 @@ def _own() -> Iterator[str]:
     yield from (*LIBRARIES, *FIGURES, sys.prefix, sys.base_prefix, sys.exec_prefix, *site.getsitepackages())
     if site.ENABLE_USER_SITE:
         yield site.getusersitepackages()
-    yield from _added_to_path()
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] == volsplat.__name__:
             yield from getattr(module, "__path__", ())
 
 
-def _added_to_path() -> list[str]:
-    """Where PYTHONPATH, as environment modules set it, and .pth files say that more libraries lie.
+def _named_by_pythonpath(folders: Iterable[Path]) -> list[Path]:
+    """Where PYTHONPATH, as environment modules set it, says that more libraries lie.
 
-    Not where the program was begun, which Python puts first by itself.
+    Not what holds a folder of volumes, a person's home, or where the program was begun: much else lies there. Nor what
+    .pth files add: those of an editable install name the folder that the checkout lies in.
     """
-    begun = 0 if sys.flags.safe_path else 1
-    return [place for place in sys.path[begun:] if place and not Path.cwd().is_relative_to(place)]
+    if sys.flags.ignore_environment:
+        return []
+    private = [*folders, *_private()]
+    named = [Path(place).resolve() for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
+    return [place for place in named if not any(one.resolve().is_relative_to(place) for one in private)]
+
+
+def _private() -> Iterator[Path]:
+    for found in (Path.home, Path.cwd):
+        with suppress(OSError, RuntimeError):  # there is none any more
+            yield found()
 
 
 def _allow(libc: ctypes.CDLL, rules: int, place: str) -> None:

@@ -228,23 +228,45 @@ IMPORTS_LATER = """
 import sys
 from pathlib import Path
 from volsplat.program.confinement import confine_reading
-confine_reading([])
+root, *secrets = map(Path, sys.argv[1:])
+confine_reading([root])
 import filters
-try:
-    Path("secret.txt").read_text()
-except PermissionError:
-    sys.exit(0)
-sys.exit("the folder of the command was read")
+for secret in secrets:
+    try:
+        secret.read_text()
+    except PermissionError:
+        continue
+    sys.exit(f"{secret} was read")
 """
 
 
-def test_libraries_that_pythonpath_names_are_found_and_the_folder_of_the_command_stays_closed(tmp_path: Path) -> None:
-    """Environment modules of a cluster set it; Python itself adds the folder."""
-    (tmp_path / "modules").mkdir()
-    (tmp_path / "modules" / "filters.py").touch()
-    (tmp_path / "secret.txt").touch()
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(["modules", ""])}
-    done = subprocess.run(
-        [sys.executable, "-c", IMPORTS_LATER], cwd=tmp_path, env=environment, capture_output=True, timeout=PATIENCE
-    )
+def check_nothing_but_filters_is_read(place: Path, pythonpath: list[str], begin: str = "") -> None:
+    """Below a place whose `libraries` hold filters.py."""
+    folders = [place / name for name in ("root", "home", "begun", "beside")]
+    secrets = [folder / "secret.txt" for folder in folders[1:]] + [place / "secret.txt"]
+    for folder in (*folders, place / "libraries"):
+        folder.mkdir()
+    for file in (*secrets, place / "libraries" / "filters.py"):
+        file.touch()
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(pythonpath), "HOME": str(place / "home")}
+    command = [sys.executable, "-c", begin + IMPORTS_LATER, str(place / "root"), *map(str, secrets)]
+    done = subprocess.run(command, cwd=place / "begun", env=environment, capture_output=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr.decode()
+
+
+@pytest.mark.parametrize("holding", [".", "root", "home", "begun"])
+@pytest.mark.parametrize("libraries", ["../libraries", "{place}/libraries"])
+def test_libraries_that_pythonpath_names_are_found_and_what_holds_root_home_or_the_command_stays_closed(
+    tmp_path: Path, holding: str, libraries: str
+) -> None:
+    """Environment modules of a cluster set it; Python itself adds the folder of the command."""
+    named = [libraries.format(place=tmp_path), str(tmp_path / holding), ""]
+    check_nothing_but_filters_is_read(tmp_path, named)
+
+
+def test_the_folder_beside_an_editable_install_stays_closed(tmp_path: Path) -> None:
+    """What a .pth file names is on the path like any other folder, and holds the checkout's neighbours."""
+    adds = f"import site; site.addsitedir({str(tmp_path / 'site')!r})\n"
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "editable.pth").write_text(f"{tmp_path}\n")
+    check_nothing_but_filters_is_read(tmp_path, [str(tmp_path / "libraries")], adds)

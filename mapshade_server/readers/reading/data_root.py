@@ -23,10 +23,15 @@ class DataRoot:
         """Raises BadInput where there is no such folder."""
         try:
             self.path = folder.expanduser().resolve(strict=True)
-            os.chdir(self.path)  # relative names start from it
         except (OSError, RuntimeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
-            raise BadInput(f"--data-root {folder}: {reason}; name a folder of this machine") from error
+            raise _no_root(folder, error) from error
+
+    def enter(self) -> None:
+        """From now on relative names start from it. Raises BadInput where it is no folder, or closed."""
+        try:
+            os.chdir(self.path)
+        except OSError as error:
+            raise _no_root(self.path, error) from error
 
     def check(self, volume: str) -> None:
         """Raises BadInput, in the same words whether there is something or not."""
@@ -42,6 +47,11 @@ class DataRoot:
             raise BadInput(f"{name.place}: this server reads what lies below its --data-root alone; name that")
 
 
+def _no_root(folder: Path, error: OSError | RuntimeError) -> BadInput:
+    reason = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
+    return BadInput(f"--data-root {folder}: {reason}; name a folder of this machine")
+
+
 @contextmanager
 def held_to(folder: Path) -> Iterator[DataRoot]:
     """From now on this process reads volumes below a folder alone. Call it before there are other threads.
@@ -51,6 +61,7 @@ def held_to(folder: Path) -> Iterator[DataRoot]:
     root = DataRoot(folder)
     with temporary_folder() as scratch:  # what others put into the common one is not read
         tempfile.tempdir = str(scratch)
-        confine_reading((root.path, scratch))
+        confine_reading((root.path, scratch))  # which looks where the program was begun
+        root.enter()
         hold_names_to(root.path)
         yield root
