@@ -153,7 +153,7 @@ class RunningCluster:
         """
         with self.folder.locked():
             state = self.state()
-            if state is None or state.mark != known.mark or state.not_ended_since:
+            if state is None or state.mark != known.mark or state.unanswered_since:
                 raise BadInput(
                     f"no server of the cluster {self.cluster.name} is started anew: another command has brought it down"
                 )
@@ -170,7 +170,7 @@ class RunningCluster:
     ) -> tuple[ClusterState, list[str]]:
         """Beside these servers start those of the names that are due. The second is what failed."""
         known = {one.started.name: one for one in servers}
-        state = msgspec.structs.replace(state, not_ended_since={})
+        state = msgspec.structs.replace(state, unanswered_since={})
         self.folder.save(state)
         failed = self._start(state, due, report, known)
         state = msgspec.structs.replace(state, servers=tuple(known.values()))
@@ -283,7 +283,7 @@ class RunningCluster:
             self._check_is_here(state, cluster)
             failed = self._stop(cluster, state.servers, report)
             now = Moment.now()
-            known = {number: state.not_ended_since.get(number, now) for number in failed}
+            known = {number: state.unanswered_since.get(number, now) for number in failed}
             since = {number: moment if moment.until(now) else now for number, moment in known.items()}
             left = {number: cluster.keep - since[number].until(now) for number in failed}
             due = {number: seconds for number, seconds in left.items() if seconds > 0}
@@ -295,7 +295,7 @@ class RunningCluster:
                 self.folder.forget()
                 return
             servers = tuple(one for one in state.servers if one.machine in due)
-            self.folder.save(msgspec.structs.replace(state, servers=servers, not_ended_since=since))
+            self.folder.save(msgspec.structs.replace(state, servers=servers, unanswered_since=since))
         raise BadInput(
             f"not everything is down: {'; '.join(failed[number] for number in due)}; run it again when they answer, or "
             f"in {math.ceil(max(due.values()))} s: their servers have ended by themselves then"

@@ -38,7 +38,7 @@ class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     mark: str = ""  # tells it from the same cluster brought up at another time
     host: str = ""  # the machine whose servers those of the launcher `local` are
     servers: tuple[KnownServer, ...] = ()
-    not_ended_since: dict[int, Moment] = {}  # of the first `down` to which a machine did not answer
+    unanswered_since: dict[int, Moment] = {}  # of the first `down` to which a machine did not answer
 
     @property
     def can_draw(self) -> bool:

@@ -59,7 +59,7 @@ def test_a_clock_that_leaps_makes_no_server_end_sooner(
     state = cluster.folder.load()
     assert state is not None
     before = Moment("another", -keep)
-    cluster.folder.save(msgspec.structs.replace(state, not_ended_since=dict.fromkeys(state.not_ended_since, before)))
+    cluster.folder.save(msgspec.structs.replace(state, unanswered_since=dict.fromkeys(state.unanswered_since, before)))
     with pytest.raises(BadInput, match=f"in {keep} s"):
         cluster.down(print)
 
@@ -150,7 +150,7 @@ def test_servers_that_another_command_has_ended_are_not_started_anew(person: Per
             drawing.up_anew(state, [name], print)
         assert drawing.state() == another
         drawing.folder.save(
-            msgspec.structs.replace(another, not_ended_since={0: Moment.now()})
+            msgspec.structs.replace(another, unanswered_since={0: Moment.now()})
         )  # a `down` that did not do
         with pytest.raises(BadInput, match="another command has brought it down"):
             drawing.up_anew(another, [name], print)

@@ -5,6 +5,7 @@ import fcntl
 import shlex
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from support.programs.clusters import cluster_file
@@ -51,6 +52,20 @@ def test_nobody_is_refused_for_one_who_only_looks(folder: StateFolder, monkeypat
     with folder.locked():
         assert refused == [fcntl.LOCK_EX | fcntl.LOCK_NB] and looker.closed
         assert folder.is_locked
+
+
+def test_a_state_of_the_build_before_is_read(folder: StateFolder) -> None:
+    """Which noted when a machine did not end by another clock, as a number."""
+    server = {
+        "started": {"name": "lab, process 1", "place": "lab", "handle": {}},
+        "program": "volsplat.splat_server",
+        "machine": 0,
+    }
+    state = {"file": "", "listen_port": 1, "servers": [server], "not_ended_since": {"0": 1e9}}
+    with folder.locked():
+        (folder.path / "state.json").write_bytes(msgspec.json.encode(state))
+    read = folder.load()
+    assert read is not None and len(read.servers) == 1
 
 
 def test_a_home_without_locks_is_told_with_the_cure(folder: StateFolder, monkeypatch: pytest.MonkeyPatch) -> None:
