@@ -3,8 +3,8 @@
     python -m volsplat.deploy.fork_server [MODULE…]
 
 The modules are loaded as well, once for all servers.
-Its standard input is a socket to who started it, over which go lines of JSON: `Start` and `Signal` one way, `Started`
-and `Ended` the other. It has no threads, and ends when the other side does.
+Its standard input is a socket to who started it, over which go lines of JSON: `Start` and `Signal` one way, `Started`,
+`Refused` and `Ended` the other. It has no threads, and ends when the other side does.
 """
 
 import os
@@ -20,13 +20,11 @@ from importlib import import_module
 
 import msgspec
 
-from volsplat.deploy.process_end import NEVER_BEGAN
 from volsplat.deploy.server_command import Program
 from volsplat.program.many_imports import many_imports
 
 STDIN = 0
 LINE_BYTES = 1 << 16  # read at once
-NO_PROCESS = 0  # the id of none
 
 
 class Start(msgspec.Struct, tag=True):
@@ -46,6 +44,12 @@ class Started(msgspec.Struct, tag=True):
     """The answer to each Start, in their order."""
 
     process: int
+
+
+class Refused(msgspec.Struct, tag=True):
+    """The other answer: the system has no process to give."""
+
+    errno: int
 
 
 class Ended(msgspec.Struct, tag=True):
@@ -108,9 +112,8 @@ class ForkServer:
         """Fork; in the new process everything is let go that is the fork server's."""
         try:
             process = os.fork()
-        except OSError:
-            self._tell(Started(NO_PROCESS))
-            self._tell(Ended(NO_PROCESS, NEVER_BEGAN))
+        except OSError as error:
+            self._tell(Refused(error.errno or 0))
             return False
         if process:
             self._running.add(process)
@@ -133,7 +136,7 @@ class ForkServer:
             self._running.remove(process)
             self._tell(Ended(process, os.waitstatus_to_exitcode(status)))
 
-    def _tell(self, message: Started | Ended) -> None:
+    def _tell(self, message: Started | Refused | Ended) -> None:
         with suppress(OSError):  # nobody is there any more, which ends this
             self._link.sendall(msgspec.json.encode(message) + b"\n")
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 
 import msgspec
 
-from volsplat.deploy.fork_server import Ended, Lines, Signal, Start, Started
-from volsplat.deploy.process_end import WITH_ITS_STARTER
+from volsplat.deploy.fork_server import Ended, Lines, Refused, Signal, Start, Started
+from volsplat.deploy.process_end import WITH_ITS_STARTER, never_began
 from volsplat.deploy.server_command import Program
 from volsplat.program.blas_threads import NO_MORE_THREADS
 
@@ -119,10 +119,12 @@ class ForkedServers:
         with suppress(OSError):
             while data := self._link.recv(1 << 16):
                 for line in lines.fed(data):
-                    told = msgspec.json.decode(line, type=Started | Ended)
+                    told = msgspec.json.decode(line, type=Started | Refused | Ended)
                     if isinstance(told, Started):
                         server = self._servers[told.process] = self._asked.get()
                         server.has_started(told.process)
+                    elif isinstance(told, Refused):
+                        self._asked.get().has_ended(never_began(told.errno))
                     else:
                         self._servers.pop(told.process).has_ended(told.status)
         self._end_all()
@@ -133,8 +135,9 @@ class ForkedServers:
             self._gone = True
         self._link.close()
         for process, server in self._servers.items():
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
+            if process > 0:  # any other number is that of many processes
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
             server.has_ended(WITH_ITS_STARTER)
         while not self._asked.empty():
             self._asked.get().has_ended(WITH_ITS_STARTER)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from volsplat.deploy.forked_servers import ForkedServer, ForkedServers, forked_servers
-from volsplat.deploy.process_end import told_end
+from volsplat.deploy.process_end import NEVER_BEGAN, told_end
 from volsplat.deploy.restart_limit import RestartLimit
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.wire.encryption import Encryption
@@ -18,7 +18,8 @@ from volsplat.protocol.wire.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
 REAPED_SECONDS = 1.0  # until it is known how a process ended whose connections are gone, on a busy machine
-BAD_INPUT = 2  # the status of a server that ends since a person must act: another one would, too
+BAD_INPUT = 2  # the status of a server that ends since a person must act
+USELESS_AGAIN = (BAD_INPUT, *NEVER_BEGAN)  # another one would end alike
 GRACE_SECONDS = 0.5  # that servers have to end by themselves before they are terminated, and again before a kill
 
 
@@ -88,7 +89,7 @@ class LocalServers:
 
     def _started_again(self, place: _Place, status: int) -> bool:
         with self._lock:
-            if self._ending or status == BAD_INPUT or not place.restarts.may_restart():
+            if self._ending or status in USELESS_AGAIN or not place.restarts.may_restart():
                 return False
             try:
                 self._start(place)

@@ -1,6 +1,8 @@
 """Servers that are forked from one process: how they are told of, and what becomes of them if that process is gone."""
 
+import errno
 import os
+import queue
 import signal
 import socket
 import subprocess
@@ -16,11 +18,14 @@ from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server, words_of
 from volsplat.client import Session
 from volsplat.client.session.server_links import ServerLinks
+from volsplat.deploy import forked_servers as forking
 from volsplat.deploy import local
 from volsplat.deploy.fork_server import Start
 from volsplat.deploy.forked_servers import COMMAND, FORK_SERVER, ForkedServers, forked_servers
-from volsplat.deploy.process_end import WITH_ITS_STARTER
+from volsplat.deploy.local import LocalServers
+from volsplat.deploy.process_end import NO_MEMORY, NO_PROCESS, WITH_ITS_STARTER, told_end
 from volsplat.deploy.server_command import Program
+from volsplat.protocol.wire.tokens import new_token
 
 __all__ = ["head"]
 
@@ -77,6 +82,64 @@ def test_it_ends_without_a_word_where_nobody_reads_what_it_told() -> None:
     _, said = forks.communicate(timeout=PATIENCE)
     assert forks.returncode == 0
     assert all(line.startswith("splat-server: ") for line in said.splitlines())
+
+
+REFUSES = """
+import os
+def refused(): raise OSError({number}, os.strerror({number}))
+os.fork = refused
+from volsplat.deploy.fork_server import main
+main()
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(errno.EAGAIN, NO_PROCESS), (errno.ENOMEM, NO_MEMORY)])
+def test_a_server_that_the_system_refuses_has_ended_with_the_cause(
+    number: int, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forking, "COMMAND", (sys.executable, "-c", REFUSES.format(number=number)))
+    forks = ForkedServers()
+    try:
+        refused = [forks.start(Program.SPLAT_SERVER, [], {}) for _ in range(2)]
+        assert [server.wait(PATIENCE) for server in refused] == [status] * 2
+        assert not forks._servers and not any(server.pid for server in refused)
+    finally:
+        forks.end()
+    assert ("can't start new thread" in told_end(status)) == (number == errno.EAGAIN)
+
+
+def test_one_that_the_system_refuses_is_told_once_and_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forking, "COMMAND", (sys.executable, "-c", REFUSES.format(number=errno.ENOMEM)))
+    monkeypatch.setattr(local, "forked_servers", forked_servers)  # one of its own
+    told = queue.SimpleQueue[tuple[str, bool]]()
+    servers = LocalServers(lambda line, name, again: told.put((line, again)))
+    try:
+        servers.start(Program.SPLAT_SERVER, "127.0.0.1:1", new_token(), threads=1)
+        line, again = told.get(timeout=PATIENCE)
+        assert (
+            line.startswith("the splat server could not be started: this machine has not enough memory") and not again
+        )
+        assert len(servers._processes) == 1
+    finally:
+        servers.stop()
+
+
+ENDS_BETWEEN = r"""
+import sys
+from volsplat.deploy import forked_servers
+tells = 'import os; os.write(0, b"{\\"type\\":\\"Started\\",\\"process\\":0}\\n")'
+forked_servers.COMMAND = (sys.executable, "-c", tells)
+forks = forked_servers.ForkedServers()
+print(forks.start(forked_servers.Program.SPLAT_SERVER, [], {}).wait(), flush=True)
+"""
+
+
+def test_no_number_that_is_told_ends_the_processes_of_who_asked() -> None:
+    """0 is its own process group, to the system."""
+    done = subprocess.run(
+        [sys.executable, "-c", ENDS_BETWEEN], capture_output=True, text=True, timeout=PATIENCE, start_new_session=True
+    )
+    assert (done.returncode, done.stdout) == (0, f"{WITH_ITS_STARTER}\n"), done.stderr
 
 
 def test_none_is_started_in_the_place_of_one_that_ends_with_its_session(
