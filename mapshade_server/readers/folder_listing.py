@@ -1,6 +1,7 @@
 """What lies in a folder that can be opened: files by their content, the series of a DICOM folder, folders of slices."""
 
 import os
+import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -111,7 +112,7 @@ def _entries(root: Path, folder: Path, exactly: str) -> tuple[list[FolderEntry],
 
 
 def _sorted(root: Path, folder: Path) -> tuple[list[Path], list[Path]]:
-    """Folders and files that lie below the root, links followed, but for hidden ones; each by name."""
+    """Folders and files that lie below the root, links followed, but for hidden ones; each in natural order."""
     folders, files = list[Path](), list[Path]()
     with os.scandir(folder) as every:
         for one in every:
@@ -122,11 +123,13 @@ def _sorted(root: Path, folder: Path) -> tuple[list[Path], list[Path]]:
                 folders.append(path)
             elif one.is_file():
                 files.append(path)
+    return sorted(folders, key=_in_order), sorted(files, key=_in_order)
 
-    def in_order(path: Path) -> tuple[str, str]:
-        return path.name.casefold(), path.name
 
-    return sorted(folders, key=in_order), sorted(files, key=in_order)
+def _in_order(path: Path) -> tuple[list[str | int], str]:
+    """To sort by: numbers in names as numbers, so that step 10 comes after step 9, and letters of either case alike."""
+    words = re.split("([0-9]+)", path.name.casefold())
+    return [int(word) if at % 2 else word for at, word in enumerate(words)], path.name
 
 
 def _can_be_told(name: str) -> bool:

@@ -137,6 +137,22 @@ def test_of_a_large_folder_the_first_are_told_and_a_part_of_a_name_finds_the_res
     assert [entry.name for entry in found.entries] == [f"{last}.npy"] and found.left_out == 0
 
 
+def test_numbers_in_names_are_told_in_the_order_of_numbers(root: Path) -> None:
+    in_order = [
+        "2x.npy",
+        "Step_1.npy",
+        "step_2.npy",
+        "step_2_1.npy",
+        "step_09.npy",
+        "step_9.npy",
+        "step_10.npy",
+        "t.npy",
+    ]
+    for name in in_order:
+        np.save(root / name, np.zeros((2, 2, 2), np.uint8))
+    assert [entry.name for entry in look(root).entries] == in_order
+
+
 def test_files_that_stay_as_they_are_are_looked_into_once(root: Path) -> None:
     """With each letter that somebody types the folder is asked for again."""
     for n in range(50):

@@ -26,8 +26,8 @@ class NextVolume:
         async def step() -> None:
             try:
                 place = await asyncio.to_thread(self._opening.beside, further)
-                if place is None:
-                    ui.notify(f"this is the {'first' if further < 0 else 'last'} volume here")
+                if isinstance(place, str):
+                    ui.notify(place)
                 else:
                     await self._opening.open(place, Keep.LOOK)
             except VolsplatError as error:

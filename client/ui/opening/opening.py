@@ -140,23 +140,26 @@ class Opening:
         """Whether it is known what stands beside the volume that is shown."""
         return self._place is not None and not self._place.is_phantom
 
-    def beside(self, further: int) -> Place | None:
+    def beside(self, further: int) -> Place | str:
         """The volume so much further on than what is shown, among the parts of its file or else in its folder.
 
-        None beyond the first and the last. Waits for a server. Raises BadInput where no order is known, and PeerLost.
+        Or a line that says that there is none. Waits for a server. Raises BadInput where no order is known, and
+        PeerLost.
         """
         place = self._place
         if place is None or place.is_phantom:
             raise BadInput("no folder is known in which a next volume could be; choose one (O)")
-        if place.part:
-            places = [place._replace(part=one.part) for one in self.parts(place._replace(part="")).entries]
-        else:
-            listed = self.listed(place.folder, "").entries
-            places = [Place(place.folder, one.name, one.part) for one in listed if one.is_volume]
+        listed = self.parts(place._replace(part="")) if place.part else self.listed(place.folder, "")
+        places = _volumes_around(place, listed)
+        known = f"only the first {len(listed.entries)} names here are known" if listed.left_out else ""
         if place not in places:
-            raise BadInput(f"{place}: nothing tells what comes next; choose a volume (O)")
+            raise BadInput(f"{place}: {known or 'nothing tells what comes next'}; choose a volume (O)")
         at = places.index(place) + further
-        return places[at] if 0 <= at < len(places) else None
+        if 0 <= at < len(places):
+            return places[at]
+        if further > 0 and known:
+            return f"{known}, and this is the last volume of these; choose the next one (O)"
+        return f"this is the {'first' if further < 0 else 'last'} volume here"
 
     def place_named(self, folder: str, typed: str) -> Place | str:
         """The volume at the end of a way from a folder, or from the root, or the folder there.
@@ -266,7 +269,7 @@ class Opening:
             session.volume.check_has_values()
             viewing = self._make_viewing(session, self._left.get(place))
             if before is not None:
-                _look_as(viewing, before, keep)
+                _look_as(viewing, before, keep, self._place is not None and place[:2] == self._place[:2])
             return viewing
         except BaseException as error:
             session.close(another=self._alone)
@@ -308,15 +311,28 @@ class Opening:
             self.news.tell(news)
 
 
-def _look_as(viewing: Viewing, before: Viewing, keep: Keep) -> None:
+def _look_as(viewing: Viewing, before: Viewing, keep: Keep, in_one_file: bool) -> None:
     """Show a volume in the size of the one before, and with what is kept of its scene. Nothing can be undone."""
-    if keep is not Keep.NOTHING:
-        kept_of = with_tables_of if keep is Keep.TABLES else with_look_of
-        viewing.model.change(lambda scene: kept_of(before.model.scene, scene, before.volume, viewing.session.volume))
-    size = before.model.scene.image
+    kept, volumes = before.model.scene, (before.volume, viewing.session.volume)
+    if keep is Keep.TABLES:
+        viewing.model.change(lambda scene: with_tables_of(kept, scene, *volumes))
+    elif keep is Keep.LOOK:
+        viewing.model.change(lambda scene: with_look_of(kept, scene, *volumes, in_one_file))
+    size = kept.image
     viewing.image_size.follows_window = before.image_size.follows_window
     viewing.model.change(lambda scene: sized(scene, width=size.width, height=size.height))
     viewing.model.forget()
+
+
+def _volumes_around(place: Place, listed: FolderListed) -> list[Place]:
+    """The places of the volumes among what lies beside this one: of a part, whatever its file or folder has."""
+    whole = place._replace(part="")
+    folder = "/".join(filter(None, whole[:2])) if place.part else place.folder
+    return [
+        Place(folder, one.name, one.part) if one.name or not place.part else whole._replace(part=one.part)
+        for one in listed.entries
+        if one.is_volume
+    ]
 
 
 def place_below(root: str, volume: str) -> Place | None:

@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import nibabel
+import numpy as np
 import pytest
 from nicegui import Client, ui
 from starlette.requests import Request
 
+from support.files.dicom_files import numbered, series
 from support.messages.coordinated import (
     FIRST,
     JOINED,
@@ -37,14 +40,17 @@ from volsplat.client.coordinator.coordinator_events import (
 from volsplat.client.coordinator.folder_listings import MOST_WAITING
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.opening.kept_look import with_look_of
 from volsplat.client.ui.opening.opening import Keep, Opening, Place, place_below
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.page import page
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import ScalarTable, Scene
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.folder_messages import MOST_ENTRIES
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 ASKED = FolderAsked(3, "/data", "scans", "t2")
@@ -120,8 +126,19 @@ class Opened:
         first = str(folder / "head.nrrd")
         viewing = opened_viewing(session := self._session(first), session.default_scene())
         self.shown = ShownVolume(viewing, Restart(viewing, lambda say: self._session(first)))
-        self.opening = Opening(
-            self.shown, str(folder), first, lambda name, held_to, say: self._session(name), self._viewing_of, alone
+        self.alone = alone
+        self.opening = self.opening_at("head.nrrd")
+
+    def opening_at(self, name: str) -> Opening:
+        """As if that volume were shown."""
+        first = str(self.folder / name)
+        return Opening(
+            self.shown,
+            str(self.folder),
+            first,
+            lambda name, held_to, say: self._session(name),
+            self._viewing_of,
+            self.alone,
         )
 
     def _session(self, name: str) -> Session:
@@ -160,6 +177,8 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
 
 
 HEAD, PROTEIN = Place("", "head.nrrd"), Place("", "protein.nrrd")
+FIRST_HERE, LAST_HERE = "this is the first volume here", "this is the last volume here"
+KNOWN = f"only the first {MOST_ENTRIES} names here are known"
 EDGE = ScalarTable(points=((0.25, 0.0), (0.75, 1.0)))
 
 
@@ -226,18 +245,18 @@ def test_the_volume_beside_is_the_next_of_the_folder_and_shown_likewise_on_the_s
     write_volume(opened.folder / "heated.nrrd", densities * 2, *place)
     write_volume(opened.folder / "zoomed.nrrd", *make_phantom("head", (16, 18, 10)))
 
-    async def beside(further: int) -> Place | None:
+    async def beside(further: int) -> Place | str:
         return await asyncio.to_thread(opened.opening.beside, further)
 
     async def open_beside(further: int) -> None:
         place = await beside(further)
-        assert place is not None
+        assert isinstance(place, Place)
         await opened.opening.open(place, Keep.LOOK)
 
     async def work() -> None:
         before = opened.viewing
         before.model.change(with_edge)
-        assert await beside(-1) is None
+        assert await beside(-1) == FIRST_HERE
         await open_beside(1)
         kept = before.volume.windowed(before.model.scene)
         assert opened.name == "heated.nrrd" and opened.viewing.model.scene == kept
@@ -245,9 +264,78 @@ def test_the_volume_beside_is_the_next_of_the_folder_and_shown_likewise_on_the_s
         await open_beside(2)
         assert opened.name == "zoomed.nrrd"
         assert opened.viewing.model.scene.tables == opened.viewing.default_scene.tables != kept.tables
-        assert await beside(1) is None
+        assert await beside(1) == LAST_HERE
 
     opened.within(work)
+
+
+def test_labels_beside_an_image_on_the_same_grid_are_seen_as_suits_them(opened: Opened) -> None:
+    image = make_phantom("marschner-lobb", (16, 18, 20))[0].numpy()
+    labels = np.zeros_like(image, np.uint8)
+    for label in range(1, 6):
+        labels[2 * label : 2 * label + 2, 3:15, 3:13] = label
+    for name, values in (("t1", image), ("t1_seg", labels)):
+        nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), opened.folder / f"{name}.nii")
+
+    async def work() -> None:
+        await opened.opening.open(Place("", "t1.nii"), Keep.NOTHING)
+        opened.viewing.model.change(with_edge)
+        segmented = await asyncio.to_thread(opened.opening.beside, 1)
+        assert segmented == Place("", "t1_seg.nii")
+        await opened.opening.open(segmented, Keep.LOOK)
+        scene, suits = opened.viewing.model.scene, opened.viewing.default_scene
+        assert (scene.tables, scene.quantise) == (suits.tables, suits.quantise)
+
+    opened.within(work)
+
+
+@pytest.mark.parametrize(
+    ("other", "in_one_file"),
+    [
+        ({"kind": Kind.LABELS}, False),
+        ({"value_unit": "K"}, False),
+        ({"bands": (Band("bone", 300.0, 400.0),)}, False),
+        ({"second_scalar": (0.0, 1.0)}, False),
+        ({"density_name": "pressure"}, True),
+    ],
+)
+def test_a_look_is_kept_only_for_values_of_the_same_meaning(
+    opened: Opened, other: dict[str, Any], in_one_file: bool
+) -> None:
+    volume, suits = opened.viewing.volume, opened.viewing.default_scene
+    kept = with_edge(suits)
+    beside = replace(volume, description=msgspec.structs.replace(volume.description, **other))
+    assert with_look_of(kept, suits, volume, volume, in_one_file=False) == volume.windowed(kept)
+    assert with_look_of(kept, suits, volume, beside, in_one_file=False) == suits
+    assert (with_look_of(kept, suits, volume, beside, in_one_file=True) != suits) == in_one_file
+
+
+def test_steps_are_gone_through_by_their_numbers_and_where_too_many_lie_there_that_is_said(opened: Opened) -> None:
+    for number in range(MOST_ENTRIES + 7):
+        (opened.folder / f"step_{number}.nrrd").symlink_to("head.nrrd")
+    last = MOST_ENTRIES - 3  # head and protein come before
+    assert opened.opening_at("step_9.nrrd").beside(1) == Place("", "step_10.nrrd")
+    assert opened.opening_at(f"step_{last}.nrrd").beside(-1) == Place("", f"step_{last - 1}.nrrd")
+    assert opened.opening.beside(-1) == FIRST_HERE
+    told = opened.opening_at(f"step_{last}.nrrd").beside(1)
+    assert told == f"{KNOWN}, and this is the last volume of these; choose the next one (O)"
+    with pytest.raises(BadInput, match=rf"^step_{last + 1}\.nrrd: {KNOWN}; choose a volume \(O\)$"):
+        opened.opening_at(f"step_{last + 1}.nrrd").beside(-1)
+
+
+def test_beside_a_series_are_the_other_series_of_its_folder_and_the_files_there_but_no_folder(opened: Opened) -> None:
+    study = opened.folder / "study"
+    (study / "older").mkdir(parents=True)
+    for number in (3, 4):
+        tags: dict[str, Any] = {"SeriesNumber": str(number), "SeriesInstanceUID": f"1.2.{number}"}
+        for slice_ in series(opened.folder / f"of {number}", numbered(4), **tags).iterdir():
+            slice_.rename(study / f"{number}-{slice_.name}")
+    write_volume(study / "x.nrrd", *make_phantom("head", (4, 4, 4)))
+    assert opened.opening_at("study#3").beside(-1) == FIRST_HERE
+    assert opened.opening_at("study#3").beside(1) == Place("", "study", "4")
+    assert opened.opening_at("study#4").beside(1) == Place("study", "x.nrrd")
+    assert opened.opening_at("study#4").beside(2) == LAST_HERE
+    assert opened.opening_at("study/x.nrrd").beside(-1) == Place("study", "", "4")
 
 
 def test_a_part_of_a_name_stands_for_the_only_one_that_has_it_first_of_those_that_begin_so(opened: Opened) -> None:
