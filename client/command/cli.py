@@ -21,7 +21,8 @@ def main() -> NoReturn:
     """Run a sub-command and exit with its status."""
     # Until there is something to clean up, Ctrl-C ends the process at once and without a word.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    os.environ.update(NO_MORE_THREADS)
+    for name, value in NO_MORE_THREADS.items():
+        os.environ.setdefault(name, value)  # a person may have said otherwise
     sys.exit(_status())
 
 

@@ -218,6 +218,24 @@ def test_an_unknown_benchmark_names_the_one_that_was_meant(person: Person) -> No
     assert (done.returncode, "did you mean paper?" in one_line(done)) == (2, True)
 
 
+NAMES_ITS_THREADS = """
+import os
+from volsplat.client.command.cli import main
+try:
+    main()
+finally:
+    print(os.environ["OPENBLAS_NUM_THREADS"])
+"""
+
+
+@pytest.mark.parametrize(("given", "kept"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_numpy_gets_no_threads_unless_a_person_says_so(given: dict[str, str], kept: str) -> None:
+    inherited = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    command = [sys.executable, "-c", NAMES_ITS_THREADS, "--version"]
+    done = subprocess.run(command, env=inherited | given, capture_output=True, text=True, timeout=PATIENCE)
+    assert done.stdout.splitlines()[-1:] == [kept], done.stderr
+
+
 def test_python_runs_the_command_where_its_script_is_in_no_folder_of_path(tmp_path: Path) -> None:
     def run(*words: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "volsplat", *words]
