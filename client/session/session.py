@@ -131,8 +131,12 @@ class Session(Renderer):
             report=on_progress,
             tell_missing=on_loss,
         )
-        self._tracer = None if trace is None else FrameTracer(Path(trace))
-        self._coordination = Coordination(self._tracer, on_progress, on_loss)
+        try:
+            self._tracer = None if trace is None else FrameTracer(Path(trace))
+            self._coordination = Coordination(self._tracer, on_progress, on_loss)
+        except BaseException:
+            self._servers.release()  # or no other session of this process may use the cluster
+            raise
         self.counts = Counts()  # what was done, and lost
         self._has_volume = name is not None
         self._opened_by = OwnProcess()

@@ -257,6 +257,9 @@ def test_a_client_that_keeps_its_turn_is_named_to_whoever_waited_long_enough(
             with pytest.raises(BadInput, match="this process uses the cluster .* already, since .*; close that first"):
                 Session(person.folder / "head.nrrd", cluster=path)
             assert own.finish(own.default_scene()).complete
+        for _ in range(2):
+            with pytest.raises(BadInput, match="no such folder|No such file or directory"):
+                Session(person.folder / "head.nrrd", cluster=path, trace=person.folder / "absent" / "trace.json")
         with Session(person.folder / "head.nrrd", cluster=path) as again:
             again.default_scene()
     finally:
