@@ -12,7 +12,7 @@ import pytest
 from support.checkout import ROOT
 from volsplat.client.command.commands import volsplat
 from volsplat.client.session.cluster_watch import JOINING_SECONDS, MISSING_SECONDS, UNHEARD_SECONDS
-from volsplat.deploy.cluster.cluster_use import PATIENCE_SECONDS
+from volsplat.deploy.cluster.cluster_use import PATIENCE_SECONDS as TURN_SECONDS
 from volsplat.deploy.cluster_file import Cluster, Machine
 from volsplat.deploy.launchers.ssh import CONNECT_SECONDS
 from volsplat.deploy.restart_limit import MOST_RESTARTS, RESTARTS_SECONDS
@@ -116,7 +116,7 @@ PROMISES: list[tuple[Path, str, Any]] = [
     (RELIABILITY, "It ends in any case after {:g} seconds", LEAVE_SECONDS),
     (RELIABILITY, "else for a {} of the silence", WORDS[SIGNS_IN_SILENCE]),
     (CLUSTER_FILE, "and after {:g} those that run and do not dial", JOINING_SECONDS),
-    (CLUSTER_FILE, "for which it waits, and gives up after {};", WORDS[int(PATIENCE_SECONDS)]),
+    (CLUSTER_FILE, "for which it waits, and gives up after {};", WORDS[int(TURN_SECONDS)]),
     (CLUSTER_FILE, "who waits for it gives up after {}.", WORDS[int(MISSING_SECONDS)]),
     (SECURITY, "It must be over within {:g} s", HANDSHAKE_SECONDS),
     (SECURITY, "dropped after {:g} s, however much has come", HANDSHAKE_SECONDS),
