@@ -10,9 +10,9 @@ from volsplat.client.session.cluster_calls import ClusterCalls
 from volsplat.client.session.cluster_watch import ClusterWatch
 from volsplat.client.session.missing_reasons import MissingReasons
 from volsplat.client.session.server_links import ServerLinks
+from volsplat.deploy.cluster.cluster_use import ClusterUse
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, MachinesFailed
-from volsplat.deploy.cluster.turn import Turn
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -35,12 +35,12 @@ class ClusterServers:
         self._running, self._report, self._tell_missing = RunningCluster(path), report, tell_missing
         self._opened_by = OwnProcess()
         self._brought_up = False
-        self._turn = Turn(self._running.folder)
-        self._turn.take(report)
+        self._use = ClusterUse(self._running.folder)
+        self._use.take(report)
         try:
             self._state = self._as_it_is() or self._bring_up()
         except BaseException:
-            self._turn.end()
+            self._use.end()
             raise
         self._reasons = MissingReasons(report)
         self._tunnels: Tunnels | None = None
@@ -170,4 +170,4 @@ class ClusterServers:
                 self._down()
         finally:
             if self._opened_by.is_here:  # a process that was forked has the same lock
-                self._turn.end()
+                self._use.end()

@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
+from volsplat.deploy.cluster.cluster_use import ClusterUse
 from volsplat.deploy.cluster.running import MOST_AT_ONCE, RunningCluster
 from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, KnownServer
-from volsplat.deploy.cluster.turn import Turn
 from volsplat.deploy.doctor import servers
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
@@ -45,12 +45,12 @@ class Doctor:
     def examine(self) -> None:
         """Raises BadInput where another client has the servers."""
         self._ways_in()
-        turn = Turn(self._running.folder)
-        turn.take(self._doing)
+        use = ClusterUse(self._running.folder)
+        use.take(self._doing)
         try:
             self._examine_servers()
         finally:
-            turn.end()
+            use.end()
 
     def _examine_servers(self) -> None:
         state = self._running.state()

@@ -31,7 +31,7 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_calls, cluster_watch
 from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.single import SingleProcess
-from volsplat.deploy.cluster import turn
+from volsplat.deploy.cluster import cluster_use
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, StateFolder
 from volsplat.deploy.doctor.doctor import Doctor
@@ -241,11 +241,11 @@ def test_a_second_client_waits_for_the_first_and_says_for_whom(person: Person, c
         assert any(line.startswith("waiting for -c") for line in said), said
 
 
-def test_a_client_that_keeps_its_turn_is_named_to_whoever_waited_long_enough(
+def test_a_client_that_keeps_the_cluster_is_named_to_whoever_waited_long_enough(
     person: Person, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = cluster_file(person.folder, f"kept-{os.getpid()}", f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n")
-    monkeypatch.setattr(turn, "PATIENCE_SECONDS", 0.0)
+    monkeypatch.setattr(cluster_use, "PATIENCE_SECONDS", 0.0)
     with another_client(person, path) as first:
         with pytest.raises(BadInput, match=rf"serves -c \(process {first.pid}, since .*\); end that one, or try again"):
             Session(person.folder / "head.nrrd", cluster=path)
