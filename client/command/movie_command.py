@@ -26,7 +26,7 @@ from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_movie_writable, movie_files
-from volsplat.client.movie.volumes_in_turn import renderers_in_turn
+from volsplat.client.movie.volumes_in_turn import OWN_STRENGTHS, renderers_in_turn, shows_strengths
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
@@ -97,9 +97,14 @@ def movie(volumes: tuple[str, ...], output: Path, rate: int, step: str, **settin
         def opened(volume: str) -> AbstractContextManager[Renderer]:
             return opened_quietly(volume, servers, say, console)
 
-        with closing(renderers_in_turn(volumes, motion.frames, opened)) as renderers:
+        def tell(note: str) -> None:
+            console.say(f"note: {note}")
+
+        with closing(renderers_in_turn(volumes, motion.frames, opened, tell)) as renderers:
             first = next(renderers)
             known = first.volume
+            if motion.shows_own_strengths(known):
+                tell(OWN_STRENGTHS)
             width, height = draw(chain([first], renderers), known, motion, Step(step), output, rate, done)
     seconds = time.perf_counter() - began
     motion.options.tell_unsuited(known, console)
@@ -155,10 +160,15 @@ class Motion:
         labels = () if self.figure is None else self.figure.labels
         return why_never_labelled(labels, self.scenes_of(known), known) if labels else ""
 
+    def shows_own_strengths(self, known: SurveyedVolume) -> bool:
+        """Whether volumes are shown by what is scaled for each by itself."""
+        alike = not self.in_turn or known.description.second_scalar is not None
+        return not alike and any(map(shows_strengths, self.scenes_of(known)))
+
     def _made_ready(self, scene: Scene, known: SurveyedVolume) -> Scene:
         from volsplat.client.figure.layout import sized  # when every server works
 
-        settled = known.settled(scene if self.figure is None else sized(self.figure, scene, known))
+        settled = known.settled(scene if self.figure is None else sized(self.figure, scene, known, self.in_turn))
         return known.windowed(settled) if self.in_turn else settled
 
 
@@ -176,8 +186,10 @@ def draw(
         from volsplat.client.figure.frame_figure import FrameFigure
         from volsplat.client.movie.movie import write_movie
     scenes = motion.scenes_of(known)
-    write_movie(renderers, scenes, output, rate, done, lambda: False, step, motion.figure)
-    return FrameFigure(motion.figure or BARE, scenes, known).extent
+    about = FrameFigure(motion.figure or BARE, scenes, known, motion.in_turn)
+    figure = about if motion.figure is not None else None
+    write_movie(renderers, scenes, output, rate, done, lambda: False, step, figure)
+    return about.extent
 
 
 def check_output(output: Path, figure: Figure | None) -> None:

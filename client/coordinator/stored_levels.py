@@ -17,7 +17,8 @@ from volsplat.protocol.text.errors import BadInput
 class StoredLevels:
     """Levels are read when the first step needs them, the coarsest first."""
 
-    def __init__(self, stored_by: Quantisation, choice: LevelChoice) -> None:
+    def __init__(self, name: str, stored_by: Quantisation, choice: LevelChoice) -> None:
+        self._name = name
         self.grids = choice.grids
         self._stored_by = stored_by
         self._choice = choice
@@ -30,7 +31,7 @@ class StoredLevels:
 
         Raises BadInput where the volume was prepared by other rules.
         """
-        _check_rules(quantisation, self._stored_by)
+        _check_rules(self._name, quantisation, self._stored_by)
         base = self._choice.base_level(scene, current.base_level if current is not None else None)
         drawn = resolution_of(step, self.grids, base.level, scene.refine.striding)
         return Packing(quantisation, base.level, drawn.level, base.why)
@@ -75,15 +76,15 @@ class StoredLevels:
         return [level for level in self._held if level not in self._ready]
 
 
-def _check_rules(wanted: Quantisation, stored: Quantisation) -> None:
+def _check_rules(name: str, wanted: Quantisation, stored: Quantisation) -> None:
     if wanted.window != stored.window:
         low, high = wanted.window
         raise BadInput(
-            f"the volume was prepared with the window {stored.window[0]:g} to {stored.window[1]:g}; "
-            f"for another one prepare it again with --window {low:g},{high:g}"
+            f"{name} was prepared with the window {stored.window[0]:g} to {stored.window[1]:g}; "
+            f"for another one prepare it again with --window {low!r},{high!r}"
         )
     if wanted.directions != stored.directions:
         raise BadInput(
-            f"the volume was prepared with {stored.directions} directions; set them in the scene, "
+            f"{name} was prepared with {stored.directions} directions; set them in the scene, "
             f"or prepare it again with --directions {wanted.directions}"
         )

@@ -298,7 +298,7 @@ class VolumeHolding:
         if prepared is None:
             return self._read_sub_cubes()
         choice = LevelChoice(prepared.levels, self.boxes, self._memory)
-        self._levels = StoredLevels(prepared.quantisation, choice)
+        self._levels = StoredLevels(message.description.name, prepared.quantisation, choice)
         return self._surveyed()
 
     def _divide(self, description: VolumeDescription) -> None:

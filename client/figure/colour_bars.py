@@ -100,11 +100,14 @@ class ColourBars:
 NONE = ColourBars((), ())
 
 
-def colour_bars(scene: Scene, volume: SurveyedVolume) -> ColourBars:
-    """Of what the scene's switches let be seen; of a 2-D table, by density, what is most opaque of its strengths."""
+def colour_bars(scene: Scene, volume: SurveyedVolume, of_several: bool = False) -> ColourBars:
+    """Of what the scene's switches let be seen; of a 2-D table, by density, what is most opaque of its strengths.
+
+    `of_several`: other volumes are shown with the same scene, so that nothing is left out for not being in this one.
+    """
     if scene.plane.patches:
-        return _of_plane(scene, volume)
-    classes = _classes(scene, volume)
+        return _of_plane(scene, volume, of_several)
+    classes = _classes(scene, volume, of_several)
     if classes:
         return ColourBars((), classes)
     strips: dict[Field, list[Strip]] = {}
@@ -120,22 +123,23 @@ def colour_bars(scene: Scene, volume: SurveyedVolume) -> ColourBars:
         )
         for field in fields
     )
-    return ColourBars(tuple(_told(bar, volume) for bar in bars), ())
+    return ColourBars(tuple(_told(bar, volume, of_several) for bar in bars), ())
 
 
-def _of_plane(scene: Scene, volume: SurveyedVolume) -> ColourBars:
+def _of_plane(scene: Scene, volume: SurveyedVolume, of_several: bool) -> ColourBars:
     entries = clearest_entries(scene.plane.patches)
     emitted, reflected = tuple(entry.emit for entry in entries), tuple(entry.refl for entry in entries)
     strips = _strips_of(scene, (Field.DENSITY, emitted), (Field.DENSITY, reflected))
     axis = field_axis(volume, Field.DENSITY, scene.quantise)
     opacities = tuple(entry.opacity for entry in entries)
-    return ColourBars((_told(AxisBar(axis, tuple(strip for _, strip in strips), opacities), volume),), ())
+    bar = AxisBar(axis, tuple(strip for _, strip in strips), opacities)
+    return ColourBars((_told(bar, volume, of_several),), ())
 
 
-def _told(bar: AxisBar, volume: SurveyedVolume) -> AxisBar:
+def _told(bar: AxisBar, volume: SurveyedVolume, of_several: bool) -> AxisBar:
     """As a person reads it: densities as far as there are any, grid indices as what the file says they stand for."""
     if bar.axis.field is Field.DENSITY:
-        return _as_far_as_data(bar, volume.survey.low, volume.survey.high)
+        return bar if of_several else _as_far_as_data(bar, volume.survey.low, volume.survey.high)
     axes = volume.description.axes
     return _along(bar, axes[GRID_FIELDS.index(bar.axis.field)]) if axes and bar.axis.field in GRID_FIELDS else bar
 
@@ -203,7 +207,7 @@ def _proportional(a: Sequence[Colour], b: Sequence[Colour]) -> bool:
     )
 
 
-def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], ...]:
+def _classes(scene: Scene, volume: SurveyedVolume, of_several: bool) -> tuple[tuple[str, Colour], ...]:
     """Names (or numbers) and colours of the classes that are there and not transparent, if the tables are by them."""
     bus = scene.cross_bar
     if not volume.has_values or {bus.emit, bus.refl, bus.opac} != {Field.DENSITY}:
@@ -216,7 +220,8 @@ def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], 
     told = []
     for band in bands:
         low, high = class_bytes(subject, band)
-        if max(opacities[low : high + 1]) >= LEAST_OPACITY and any(counts[low : high + 1]):
+        is_there = of_several or any(counts[low : high + 1])
+        if is_there and max(opacities[low : high + 1]) >= LEAST_OPACITY:
             told.append((band.name, colours[(low + high) // 2]))
     return tuple(told) if len(told) <= MOST_CLASSES else ()
 

@@ -17,14 +17,17 @@ Pixels = NDArray[np.float32]
 
 
 class FrameFigure:
-    """Draws what is about and over each frame."""
+    """Draws what is about and over each frame. `of_several`: the volume is the first of several, on one grid."""
 
-    def __init__(self, figure: Figure, scenes: Sequence[Scene], volume: SurveyedVolume) -> None:
-        self._figure = figure
+    def __init__(
+        self, figure: Figure, scenes: Sequence[Scene], volume: SurveyedVolume, of_several: bool = False
+    ) -> None:
+        self.figure = figure
         self._volume = volume
-        sizes = {figure_extent(figure, scene, volume) for scene in scenes}
+        self._of_several = of_several
+        sizes = {figure_extent(figure, scene, volume, of_several) for scene in scenes}
         self.extent = (max(width for width, _ in sizes), max(height for _, height in sizes))
 
     def pixels(self, picture: Pixels, scene: Scene) -> Pixels:
         """A frame with all that the figure shows, as a plain image is."""
-        return painted(laid_out(picture, self._figure, scene, self._volume, self.extent[1]))
+        return painted(laid_out(picture, self.figure, scene, self._volume, self.extent[1], self._of_several))

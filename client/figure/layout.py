@@ -27,8 +27,11 @@ LEAST_PICTURE = 16  # pixels
 LEAST_BAR = 0.5  # of a colour bar's length
 
 
-def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
-    """The scene with as many pixels as give the figure its size in print. Raises BadInput if that cannot be."""
+def sized(figure: Figure, scene: Scene, volume: SurveyedVolume, of_several: bool = False) -> Scene:
+    """The scene with as many pixels as give the figure its size in print. Raises BadInput if that cannot be.
+
+    `of_several`: see `colour_bars`.
+    """
     if figure.width == "auto":
         if figure.height != "auto":
             raise BadInput("a figure's height needs its width; give both, in cm")
@@ -40,7 +43,8 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
     if figure.height == "auto":
         height = round(width * scene.image.height / scene.image.width)
     else:
-        height = figure.pixels(figure.height) - _beside(figure, msgspec.structs.replace(scene, image=wide), volume)
+        beside = _beside(figure, msgspec.structs.replace(scene, image=wide), volume, of_several)
+        height = figure.pixels(figure.height) - beside
     if min(width, height) < LEAST_PICTURE:
         raise BadInput("a figure of this size has no room for its picture; give a larger size or dpi, or smaller text")
     if max(width, height) > LARGEST_EXTENT:
@@ -51,13 +55,18 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
     return resized(scene, width=width, height=height)
 
 
-def figure_extent(figure: Figure, scene: Scene, volume: SurveyedVolume) -> tuple[int, int]:
+def figure_extent(figure: Figure, scene: Scene, volume: SurveyedVolume, of_several: bool = False) -> tuple[int, int]:
     """Width and height of the whole figure in pixels."""
-    return scene.image.width, scene.image.height + _beside(figure, scene, volume)
+    return scene.image.width, scene.image.height + _beside(figure, scene, volume, of_several)
 
 
 def laid_out(
-    picture: NDArray[np.float32], figure: Figure, scene: Scene, volume: SurveyedVolume, height: int | None = None
+    picture: NDArray[np.float32],
+    figure: Figure,
+    scene: Scene,
+    volume: SurveyedVolume,
+    height: int | None = None,
+    of_several: bool = False,
 ) -> Drawing:
     """The drawing of a finished picture of the scene; of another height if there must be one."""
     scene, description = volume.settled(scene), volume.description
@@ -75,9 +84,9 @@ def laid_out(
         shapes += side_marks(scene, description, room, corner, em, ink, paper)
     if figure.labels:
         shapes += pointing_labels(figure.labels, scene, description.geometry, room, corner, em, ink, paper)
-    bars = _bars(figure, scene, volume)
+    bars = _bars(figure, scene, volume, of_several)
     shapes += bars.shapes(above + scene.image.height, scene.image.width, em, ink)
-    width, whole = figure_extent(figure, scene, volume)
+    width, whole = figure_extent(figure, scene, volume, of_several)
     return Drawing(
         width=width,
         height=height or whole,
@@ -119,11 +128,11 @@ def _above(figure: Figure, image: Image) -> int:
     return round(TITLE_LINE * figure.em_on(image)) if figure.title else 0
 
 
-def _beside(figure: Figure, scene: Scene, volume: SurveyedVolume) -> int:
+def _beside(figure: Figure, scene: Scene, volume: SurveyedVolume, of_several: bool) -> int:
     """Rows of pixels above and below the picture."""
-    bars = _bars(figure, scene, volume)
+    bars = _bars(figure, scene, volume, of_several)
     return _above(figure, scene.image) + bars.height(scene.image.width, figure.em_on(scene.image))
 
 
-def _bars(figure: Figure, scene: Scene, volume: SurveyedVolume) -> ColourBars:
-    return colour_bars(scene, volume) if figure.colour_bar else NONE
+def _bars(figure: Figure, scene: Scene, volume: SurveyedVolume, of_several: bool) -> ColourBars:
+    return colour_bars(scene, volume, of_several) if figure.colour_bar else NONE

@@ -13,7 +13,6 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -22,7 +21,6 @@ from numpy.typing import NDArray
 
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.frame_figure import FrameFigure
 from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
@@ -53,23 +51,20 @@ def write_movie(
     on_progress: Callable[[int], None],
     cancelled: Callable[[], bool],
     step: Step = Step.F,
-    figure: Figure | None = None,
+    figure: FrameFigure | None = None,
 ) -> None:
     """Draw each scene at one step into an .mp4 or .webm of `rate` frames a second, or into a folder of PNG images.
 
     `renderers` gives each scene's in turn, and is asked for the next one once the frame before is written. With a
-    figure each image is one, all as large as the largest. `on_progress` gets the number of frames that are done.
-    Raises BadInput if the movie cannot be written or a scene does not fit the volume, VolsplatError if ffmpeg or the
-    servers fail, and MovieCancelled at most one frame after `cancelled` says so; nothing is left behind then.
+    figure of these scenes each image is one, all as large as the largest. `on_progress` gets the number of frames that
+    are done. Raises BadInput if the movie cannot be written or a scene does not fit the volume, VolsplatError if ffmpeg
+    or the servers fail, and MovieCancelled at most one frame after `cancelled` says so; nothing is left behind then.
     """
     scenes = [checked_scene(scene) for scene in scenes]
     width, height = _size_of_all(scenes)
     check_movie_writable(path)
-    drawn_by = iter(renderers)
-    first = next(drawn_by)
-    drawn_about = FrameFigure(figure, scenes, first.volume) if figure is not None else None
-    if drawn_about is not None:
-        width, height = drawn_about.extent
+    if figure is not None:
+        width, height = figure.extent
     encoder = video_encoder(path)
     if encoder is None:
         opened = _images(path, figure)
@@ -77,11 +72,11 @@ def write_movie(
         opened = _video(path, encoder, rate, width, height, cancelled)
     try:
         with opened as put:
-            for done, (scene, renderer) in enumerate(zip(scenes, chain([first], drawn_by), strict=False)):
+            for done, (scene, renderer) in enumerate(zip(scenes, renderers, strict=False)):
                 image = finished_pixels(renderer, scene, step, cancelled)
                 if image is None:
                     raise MovieCancelled
-                frame = image if drawn_about is None else drawn_about.pixels(image, scene)
+                frame = image if figure is None else figure.pixels(image, scene)
                 put(frame, scene, renderer.volume.description)
                 on_progress(done + 1)
             if cancelled():
@@ -99,13 +94,13 @@ def _size_of_all(scenes: Sequence[Scene]) -> tuple[int, int]:
 
 
 @contextmanager
-def _images(folder: Path, figure: Figure | None) -> Iterator[Put]:
+def _images(folder: Path, figure: FrameFigure | None) -> Iterator[Put]:
     """Numbers the images from 1 in a hidden folder within `folder`; they move up when all are there."""
     made = not folder.exists()
     hidden = temporary_name(folder / "frames")
     images: list[Path] = []
     whole = False
-    dpi, transparent = (figure.resolution, figure.transparent) if figure is not None else (None, False)
+    dpi, transparent = (figure.figure.resolution, figure.figure.transparent) if figure is not None else (None, False)
 
     def put(image: Pixels, scene: Scene, description: VolumeDescription) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))

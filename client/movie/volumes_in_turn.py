@@ -6,26 +6,44 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 
 from volsplat.client.session.renderer import Renderer
-from volsplat.protocol.description.volume import Geometry
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 ONE_GRID = "the volumes of a movie need grids of the same size and spacing"
+ONE_KIND = "the volumes of a movie need values of one kind, in one unit"
+OWN_STRENGTHS = (
+    "gradient strengths are scaled for each volume by itself: what the scene shows by them cannot be compared between "
+    "the volumes"
+)
 
 
 def renderers_in_turn(
-    volumes: Sequence[str], frames: int, opened: Callable[[str], AbstractContextManager[Renderer]]
+    volumes: Sequence[str],
+    frames: int,
+    opened: Callable[[str], AbstractContextManager[Renderer]],
+    tell: Callable[[str], None],
 ) -> Generator[Renderer, None, None]:
     """What draws each of so many frames, which the volumes share evenly; one volume is open at a time.
 
-    Close it to close the volume whose turn it is. Raises BadInput for a volume on another grid than the first.
+    `tell` gets what is unusual about each, unless it was told of one before. Close it to close the volume whose turn it
+    is. Raises BadInput for a first volume without values, and for one that is not like the first.
     """
-    grid: Geometry | None = None
+    first: SurveyedVolume | None = None
+    told: set[str] = set()
     for number, name in enumerate(volumes):
         with opened(name) as renderer:
-            geometry = renderer.volume.description.geometry
-            grid = grid or geometry
-            if not geometry.is_like(grid):
-                raise BadInput(f"{name}: {_grid_words(geometry)}, but {volumes[0]} has {_grid_words(grid)}; {ONE_GRID}")
+            volume = renderer.volume
+            if first is None:
+                first = volume
+                first.check_has_values()
+            _check_like(volume.description, name, first.description, volumes[0])
+            for note in _notes(volume):
+                if note not in told:
+                    tell(f"{name}: {note}" if len(volumes) > 1 else note)
+                told.add(note)
             for _ in range(first_frame(number + 1, volumes, frames) - first_frame(number, volumes, frames)):
                 yield renderer
 
@@ -35,7 +53,36 @@ def first_frame(number: int, volumes: Sequence[str], frames: int) -> int:
     return -(-number * frames // len(volumes))
 
 
+def shows_strengths(scene: Scene) -> bool:
+    """Whether gradient strengths decide any of the picture."""
+    bus, modulated = scene.cross_bar, scene.shading.modulation
+    indices = {bus.emit, bus.refl, bus.opac, *([bus.modu] if modulated else [])}
+    return bool(scene.plane.patches) or Field.STRENGTH in indices
+
+
+def _check_like(told: VolumeDescription, name: str, first: VolumeDescription, first_name: str) -> None:
+    """Raises BadInput."""
+    if not told.geometry.is_like(first.geometry):
+        grids = f"{_grid_words(told.geometry)}, but {first_name} has {_grid_words(first.geometry)}"
+        raise BadInput(f"{name}: {grids}; {ONE_GRID}")
+    if _value_words(told) != _value_words(first):
+        raise BadInput(f"{name}: {_value_words(told)}, but {first_name} has {_value_words(first)}; {ONE_KIND}")
+
+
+def _notes(volume: SurveyedVolume) -> list[str]:
+    if not volume.has_values:
+        return [*volume.description.warnings, "no voxel has a value, all are NaN or infinite: nothing of it is seen"]
+    return [*volume.description.warnings, *volume.notes()]
+
+
 def _grid_words(geometry: Geometry) -> str:
     size = " x ".join(map(str, geometry.dims))
     spacing = " x ".join(f"{length:.6g}" for length in geometry.spacing)
     return f"{size} voxels {spacing} apart"
+
+
+def _value_words(told: VolumeDescription) -> str:
+    """What decides how a scene's tables show them."""
+    kind = told.kind if told.kind is not Kind.UNKNOWN else "values of no told kind"
+    second = f" with {told.strength_name}" if told.second_scalar is not None else ""
+    return f"{kind}{second}, {f'in {told.value_unit}' if told.value_unit else 'without a unit'}"

@@ -93,12 +93,7 @@ class SurveyedVolume:
         )
 
     def windowed(self, scene: Scene) -> Scene:
-        """The scene with the density window that it has for this volume, so that others show the same values alike.
-
-        A prepared one has a window of its own, which no scene sets.
-        """
-        if self.prepared is not None:
-            return scene
+        """The scene with the density window that it has for this volume, so that others show the same values alike."""
         window = self.quantisation(scene.quantise).window
         return msgspec.structs.replace(scene, quantise=msgspec.structs.replace(scene.quantise, window=window))
 

@@ -219,6 +219,7 @@ def test_classes_have_a_legend_of_those_that_can_be_seen() -> None:
     assert not found.bars and found.legend == (("bone", (1.0, 0.0, 0.0)),)
     assert 0 < found.height(100, 10) < found.height(100, 20)
     assert colour_bars(scene, replace_counts(surveyed(labels), [0, 2])).legend == ()
+    assert colour_bars(scene, replace_counts(surveyed(labels), [0, 2]), of_several=True).legend == found.legend
 
 
 def test_labels_without_names_have_a_legend_of_numbers_or_a_bar_if_they_are_too_many() -> None:

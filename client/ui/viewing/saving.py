@@ -220,11 +220,13 @@ class MovieJob:
         self._thread.join()
 
     def _run(self, renderer: Finisher, scenes: Sequence[Scene], rate: int, step: Step, figure: Figure | None) -> None:
+        from volsplat.client.figure.frame_figure import FrameFigure
         from volsplat.client.movie.movie import MovieCancelled, write_movie
 
         try:
             drawn, cancelled = self._on_progress, self._cancelled.is_set
-            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, step, figure)
+            about = FrameFigure(figure, scenes, renderer.volume) if figure is not None else None
+            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, step, about)
             self.whole = True
             self.line = f"{self._frames} images"
         except MovieCancelled:
