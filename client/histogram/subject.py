@@ -23,6 +23,7 @@ from volsplat.protocol.rules.index_rules import Survey
 
 FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+LEAST_GAP = 0.001  # of the voxels: fewer without a value are stray ones, at which nothing ends
 SLAB = 0.25  # of the next longer side: what is no thicker is a slab
 
 
@@ -40,7 +41,7 @@ class Subject:
     recedes: bool = True  # along this axis
     face: str | None = None  # of a slab: the view that shows it, as radiologists and image viewers do
     single_slice: bool = False
-    has_gaps: bool = False  # voxels without a value, at which what is seen may end
+    has_gaps: bool = False  # of voxels without a value, at which what is seen may end
     fine: ValueCounts | None = None  # the values before they became bytes
     usual: "Subject | None" = None  # the same under the automatic window, if this one is another
 
@@ -104,7 +105,7 @@ def subject_of(
         depth=GRID_FIELDS[depth],
         recedes=away[depth] > 0,
         face=_face(description.geometry, up),
-        has_gaps=survey.no_data > 0,
+        has_gaps=survey.no_data > LEAST_GAP * survey.voxels,
         single_slice=sorted(description.geometry.dims)[:2].count(1) == 1,
         fine=ValueCounts(ranges.low, ranges.high, density_counts) if survey.low <= survey.high else None,
         usual=usual,

@@ -110,6 +110,12 @@ def test_data_of_both_signs_shows_both_signs_in_two_colours() -> None:
     assert emitted[0][2] > emitted[0][0] and emitted[255][0] > emitted[255][2]
 
 
+@given(st.integers(0, VOXELS))
+def test_stray_voxels_without_a_value_change_no_light(no_data: int) -> None:
+    scene, *_ = first_scene({0.0: VOXELS - no_data, 1.0: VOXELS // 4, 2.0: VOXELS // 8}, "float32", no_data)
+    assert scene.shading.two_sided == (no_data > (VOXELS + VOXELS // 4 + VOXELS // 8) / 1000)
+
+
 def test_data_that_rises_towards_voxels_without_a_value_is_lit_like_what_falls() -> None:
     along = torch.linspace(-1, 1, 24)
     radius = (along[:, None, None] ** 2 + along[:, None] ** 2 + along**2).sqrt()
