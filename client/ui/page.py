@@ -10,6 +10,7 @@ from volsplat.client.ui.opening.dropped_files import DroppedFiles, refuse
 from volsplat.client.ui.opening.next_volume import NextVolume
 from volsplat.client.ui.opening.open_dialog import OpenDialog
 from volsplat.client.ui.opening.opening import Opening
+from volsplat.client.ui.opening.opening_progress import OpeningProgress
 from volsplat.client.ui.panels.colour_bar import ColourBar
 from volsplat.client.ui.panels.drawers import Drawers
 from volsplat.client.ui.panels.folding import Folding
@@ -59,6 +60,8 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
             viewport_element(viewing.default_scene.view.rotation, viewing.number)
             ColourBar(viewing)
             PhaseLegend(viewing)
+            if opening is not None:
+                OpeningProgress(opening)
             if restart is not None:
                 StartAgain(viewing, restart)
         with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"'):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from volsplat.client.scene.resized import sized
 from volsplat.client.session.session import Session
 from volsplat.client.ui.opening.kept_look import with_look_of, with_tables_of
-from volsplat.client.ui.opening.phantom_files import GIVEN_UP, PhantomFiles
+from volsplat.client.ui.opening.phantom_files import GivenUp, PhantomFiles
 from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Feed, Viewing
@@ -222,7 +222,7 @@ class Opening:
             opened = await asyncio.to_thread(self._opened, place, viewing, keep)
             if self._cancelled:
                 await asyncio.to_thread(self._let_go, opened)
-                raise BadInput(GIVEN_UP)
+                raise GivenUp
             self._show(opened, place)
         finally:
             self._shown.expect(None)
@@ -265,7 +265,7 @@ class Opening:
         try:
             self._shown.expect(session)
             if self._cancelled:
-                raise BadInput(GIVEN_UP)
+                raise GivenUp
             session.volume.check_has_values()
             viewing = self._make_viewing(session, self._left.get(place))
             if before is not None:
@@ -274,7 +274,7 @@ class Opening:
         except BaseException as error:
             session.close(another=self._alone)
             if self._cancelled and isinstance(error, PeerLost):
-                raise BadInput(GIVEN_UP) from error
+                raise GivenUp from error
             raise
 
     def _check(self, place: Place) -> None:

@@ -13,7 +13,13 @@ from volsplat.protocol.text.errors import BadInput
 if TYPE_CHECKING:
     from torch import Tensor
 
-GIVEN_UP = "it was given up"
+
+class GivenUp(BadInput):
+    """Somebody no longer wanted what was being opened."""
+
+    def __init__(self) -> None:
+        super().__init__("it was given up")
+
 
 PHANTOMS = {
     "head": "a head, as CT shows one",
@@ -62,5 +68,5 @@ class PhantomFiles:
 def _until(given_up: Callable[[], bool], sheets: Iterator[Tensor]) -> Iterator[Tensor]:
     for some in sheets:
         if given_up():
-            raise BadInput(GIVEN_UP)
+            raise GivenUp
         yield some

@@ -13,6 +13,7 @@ from nicegui.events import GenericEventArguments
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.opening.folder_list import FOLDER, PHANTOM, UP, VOLUME, FolderList, Row
 from volsplat.client.ui.opening.opening import Dropped, Keep, News, Opening, Place
+from volsplat.client.ui.opening.opening_progress import OpeningProgress
 from volsplat.client.ui.opening.phantom_files import PHANTOMS
 from volsplat.protocol.messages.folder_messages import FolderEntry, FolderListed
 from volsplat.protocol.text.byte_sizes import size_on_disk
@@ -55,9 +56,7 @@ class VolumeChooser:
         self._keep = ui.switch("keep the tables").props("dense")
         self._keep.set_visibility(may_keep_tables)
         self._trouble = ui.label("").classes("vs-bad").props("role=alert")
-        self._line = ui.label("").classes("vs-muted").props("role=status")
-        self._bar = ui.linear_progress(show_value=False).props("indeterminate rounded aria-label='being opened'")
-        self._cancel = ui.button("cancel", on_click=opening.cancel).props("flat no-caps").classes("vs-open-cancel")
+        OpeningProgress(opening)
         self._tell(opening.now)
         context.client.on_delete(opening.news.subscribe(self._tell))
 
@@ -212,9 +211,5 @@ class VolumeChooser:
             self._trouble.text = str(error)
 
     def _tell(self, news: News) -> None:
-        running = news.opening != ""
-        self._line.text = f"opening {news.opening}: {news.line}" if running else ""
-        for part in (self._line, self._bar, self._cancel):
-            part.set_visibility(running)
         for rows in (self._list, self._recent_list):
-            rows.set_busy(running)
+            rows.set_busy(news.opening != "")

@@ -111,7 +111,7 @@ def test_another_volume_is_opened_by_keys_and_every_tab_goes_over_to_it_and_back
     assert torch.equal(canvas(page), turned), "it is as it was left"
 
 
-def test_page_down_shows_the_next_time_of_a_series_as_this_one_is_shown(page: Page) -> None:
+def test_page_down_shows_the_next_time_of_a_series_as_this_one_is_shown(view: Viewed, page: Page) -> None:
     from playwright.sync_api import expect
 
     page.keyboard.press("o")
@@ -127,6 +127,39 @@ def test_page_down_shows_the_next_time_of_a_series_as_this_one_is_shown(page: Pa
     assert torch.equal(canvas(page), turned)
     page.keyboard.press("PageUp")
     expect(page.locator(".q-notification")).to_contain_text("this is the first volume here")
+    other = opened(page.context.new_page(), view.url)
+    with forker().held():
+        page.evaluate("() => [1, 2].forEach(() => document.querySelector('.vs-page-down').click())")
+        for tab in (page, other):
+            expect(tab.get_by_label("picture").get_by_text("opening beat.nii#1")).to_be_visible()
+            expect(tab.get_by_label("open the next volume")).to_be_disabled()
+            assert left_to_the_browser(tab, "body", "PageDown")
+        other.get_by_role("button", name="cancel").click()
+        expect(page.locator(".q-notification")).to_contain_text(["this is the first", "it was given up"])
+    expect(page.locator(".q-notification.bg-negative")).to_have_count(0)
+    expect(page.get_by_label("picture").get_by_text("opening beat.nii#1")).to_be_hidden()
+    assert page.title() == "beat.nii#0 – volsplat"
+
+
+def test_page_keys_are_obeyed_once_while_they_are_held_and_not_where_the_focus_is_in_a_panel(page: Page) -> None:
+    page.evaluate("""() => {
+        window.presses = 0;
+        document.querySelector(".vs-page-down").addEventListener("click", () => { window.presses += 1; });
+    }""")
+    assert left_to_the_browser(page, ".vs-left [role=slider]", "PageDown")
+    assert page.evaluate("window.presses") == 0
+    for _ in range(3):
+        page.keyboard.down("PageDown")
+    page.keyboard.up("PageDown")
+    assert page.evaluate("window.presses") == 1
+
+
+def left_to_the_browser(page: Page, selector: str, key: str) -> bool:
+    """Whether a key that is pressed there does what it does on every page."""
+    pressed = (
+        "(there, key) => there.dispatchEvent(new KeyboardEvent('keydown', {key, bubbles: true, cancelable: true}))"
+    )
+    return bool(page.locator(selector).first.evaluate(pressed, key))
 
 
 def test_a_series_is_found_by_its_description_and_a_name_by_a_part_of_it(page: Page) -> None:

@@ -13,8 +13,11 @@ const BY_PLACE = { Equal: "=", Minus: "-", BracketLeft: "[", BracketRight: "]" }
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
+/** Buttons of the page that keys press, by their selectors; elsewhere these keys scroll. @type {Record<string, string>} */
+const PAGES = { PageUp: ".vs-page-up:enabled", PageDown: ".vs-page-down:enabled" };
+
 /** A button of the page, which may have none such. @param {string} button its selector */
-const press = (button) => /** @type {HTMLElement | null} */ (document.querySelector(button))?.click();
+const found = (button) => /** @type {HTMLElement | null} */ (document.querySelector(button));
 
 /** Keys without Ctrl; their names tell of Shift. @type {Record<string, (viewport: Viewport) => void>} */
 const PLAIN = {
@@ -31,9 +34,7 @@ const PLAIN = {
   s: (viewport) => viewport.slices?.toggle(),
   m: (viewport) => viewport.measuring.toggle(),
   g: (viewport) => viewport.slices?.toggleColours(),
-  o: () => press(".vs-open-volume"),
-  PageUp: () => press(".vs-page-up"),
-  PageDown: () => press(".vs-page-down"),
+  o: () => found(".vs-open-volume")?.click(),
   "?": (viewport) => viewport.toggleHelp(),
   ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.actions.lookFrom(name)])),
 };
@@ -75,15 +76,25 @@ const TYPED_IN = "input:not([type=range], [type=checkbox], [type=radio]), textar
 const OVER_ALL = "[role=dialog], [role=menu], [role=listbox]"; // open, they have the keys of the whole page
 
 /**
- * Whether a key that was pressed somewhere on the page may be for the viewport. Arrows elsewhere scroll, or move
- * what has the focus.
+ * Whether a key that was pressed somewhere on the page may be for the viewport. Arrows and pages elsewhere
+ * scroll, or move what has the focus.
  * @param {KeyboardEvent} event @param {HTMLElement} element the viewport's
  */
 export function isFree(event, element) {
   const target = /** @type {Element} */ (event.target);
   if (element.contains(target)) return true;
   if (event.defaultPrevented || target.closest(TYPED_IN) || document.querySelector(OVER_ALL)) return false;
-  return !(event.key in ARROWS) || target === document.body;
+  return !(event.key in ARROWS || event.key in PAGES) || target === document.body;
+}
+
+/**
+ * Press a button, but not for a key that is held. Returns whether there is one that can be pressed.
+ * @param {string} selector @param {boolean} held
+ */
+function pressOnce(selector, held) {
+  const button = found(selector);
+  if (!held) button?.click();
+  return button !== null;
 }
 
 /** The key by what is on it; where that is no letter of ours, as on a Cyrillic keyboard, by where it lies. @param {KeyboardEvent} event */
@@ -110,6 +121,7 @@ export function obeyKey(event, viewport) {
     else viewport.actions.turnBy(x * TURN, y * TURN);
     return true;
   }
+  if (key in PAGES) return pressOnce(PAGES[key], event.repeat);
   if (key === "Escape" && viewport.helpShown) viewport.toggleHelp();
   else if (key === "Escape" && viewport.measuring.on) viewport.measuring.toggle();
   else if (key === "Escape" && viewport.alone?.on) viewport.alone.toggle();
