@@ -54,13 +54,16 @@ class AskedImages:
     def finish(self, scene: Scene, step: Step, turn: Turn | None = None) -> Refinement:
         """The finished image of one step; drawn anew if a server was lost whose work others take over."""
         frame: int | None = None
+        lost_at: float | None = None
         while True:
-            frame, answers = self._ask(scene, step, require_complete=True, after=frame, turn=turn)
+            frame, answers = self._ask(scene, step, require_complete=True, after=frame, turn=turn, lost_at=lost_at)
             try:
                 *_, finished = self._drawn(frame, answers, step, partial_interval=math.inf)
                 return finished
-            except (ImageIncomplete, FrameGivenUp):  # others take over, or a viewer went first: once more, if wanted
+            except ImageIncomplete:  # others take over
                 continue
+            except FrameGivenUp:  # a viewer went first: once more, if wanted
+                lost_at = lost_at or time.monotonic()
 
     def refine(
         self,
@@ -97,9 +100,10 @@ class AskedImages:
         Raises FrameGivenUp if it gave way.
         """
         healing = False  # what is left has been seen, and others read the rest: wait for the whole
+        lost_at: float | None = None
         while True:
             after = asked[-1] if asked else None
-            frame, answers = self._ask(scene, step, healing, after, exact, thinning, turn)
+            frame, answers = self._ask(scene, step, healing, after, exact, thinning, turn, lost_at)
             asked.append(frame)
             healing = False
             try:
@@ -108,9 +112,10 @@ class AskedImages:
                     yield refinement
                 if not healing:
                     return
-            # Lost while it was drawn: once more, with what is left. Or somebody went first: once more, if wanted.
-            except (ImageIncomplete, VolumeIncomplete, FrameGivenUp):
+            except (ImageIncomplete, VolumeIncomplete):  # lost while it was drawn: once more, with what is left
                 continue
+            except FrameGivenUp:  # somebody went first: once more, if wanted
+                lost_at = lost_at or time.monotonic()
 
     def _ask(
         self,
@@ -121,19 +126,29 @@ class AskedImages:
         exact: bool = True,
         thinning: Thinning = ALL_VOXELS,
         turn: Turn | None = None,
+        lost_at: float | None = None,
     ) -> tuple[int, Answers]:
-        """Ask for a frame.
+        """Ask for a frame, which gave way first at that moment.
 
         Raises FrameGivenUp if something else was asked for since frame `after` or the turn is lost, and BadInput.
         """
         self._coordination.check_may_wait()
         check_room_for_image(scene.image.width, scene.image.height)
-        frame, answers = self._coordination.frames.ask(after, turn)
-        self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
-        self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, thinning))
-        if turn is not None and turn.over:  # since the number was given
-            self._coordination.tell(AbortAsked(frame))
+        frame, answers = self._coordination.frames.ask(after, turn, lost_at)
+        try:
+            self._coordination.tell(FrameAsked(frame, scene, step, require_complete, exact, thinning))
+            if turn is not None and turn.over:  # since the number was given
+                self._coordination.tell(AbortAsked(frame))
+            self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
+        except BaseException:  # as Ctrl-C is: viewers would wait for what nobody draws
+            self._forget(frame)
+            raise
         return frame, answers
+
+    def _forget(self, frame: int) -> None:
+        """Nobody wants it any more, and nobody need draw it on."""
+        self._coordination.frames.forget(frame)
+        self._coordination.tell(AbortAsked(frame))
 
     def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
@@ -141,9 +156,7 @@ class AskedImages:
         try:
             finished = yield from self._until_finished(frame, answers, step, partial_interval)
         finally:
-            # Also if the caller stopped asking for more images: then nobody need draw on.
-            self._coordination.frames.forget(frame)
-            self._coordination.tell(AbortAsked(frame))
+            self._forget(frame)  # also if the caller stopped asking for more images
         image = _published(finished)
         now = time.perf_counter()
         outcome = _outcome(step, finished, started, now)
@@ -194,10 +207,13 @@ class DrawingTurn:
         return self._turn.over
 
     @contextmanager
-    def taken(self, urgency: Urgency) -> Iterator[None]:
-        """Entered once it has come. Raises FrameGivenUp if it was ended before, and what ended the session."""
+    def taken(self, urgency: Urgency, lost_at: float | None = None) -> Iterator[None]:
+        """Entered once it has come; `lost_at` is when turns for the same picture were first lost.
+
+        Raises FrameGivenUp if it was ended before, and what ended the session.
+        """
         self._coordination.check_may_wait()
-        self._coordination.frames.begin_turn(self._turn, urgency)
+        self._coordination.frames.begin_turn(self._turn, urgency, lost_at)
         try:
             yield
         finally:

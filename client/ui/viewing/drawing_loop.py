@@ -59,9 +59,10 @@ class DrawingLoop:
         self._drawing = False
         self._refining: DrawingTurn | None = None
         self._lost_revision = 0  # that was being drawn when others took the session
+        self._lost_at: float | None = None  # the drawing thread's: when they first did since a picture was finished
         self._failure: VolsplatError | None = None
         self._closed = False
-        self._changed = threading.Condition()  # guards the six above, and tells of a newer scene
+        self._changed = threading.Condition()  # guards what may change, and tells of a newer scene
         self._unsubscribe = model.subscribe(self._on_change)
         self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
 
@@ -135,6 +136,8 @@ class DrawingLoop:
                     return
                 state = self._model.now
                 urgency = Urgency.OWED if state.revision == self._lost_revision else Urgency.CHANGED
+                if urgency is Urgency.CHANGED:
+                    self._lost_at = None
                 self._drawn_revision = state.revision
                 self._drawing = True
                 self._failure = None
@@ -156,6 +159,7 @@ class DrawingLoop:
         if not turn.over:
             self._lost_revision = state.revision
             self._drawn_revision = 0
+            self._lost_at = self._lost_at or time.monotonic()
 
     def _drawn(self, state: SceneState, turn: DrawingTurn, urgency: Urgency) -> VolsplatError | None:
         """Draw this scene; returns why that cannot be, or that others took the session."""
@@ -212,10 +216,10 @@ class DrawingLoop:
             return
         rests_at = time.monotonic() + REST_SECONDS
         if first in PAPER_STEPS:
-            with turn.taken(urgency):
+            with turn.taken(urgency, self._lost_at):
                 self._refine_from(first, min(finest, PAPER_STEPS[-1]), state, turn)
         if finest not in PAPER_STEPS and self._rests_until(rests_at):
-            with turn.taken(Urgency.AT_REST if first in PAPER_STEPS else urgency):
+            with turn.taken(Urgency.AT_REST if first in PAPER_STEPS else urgency, self._lost_at):
                 self._refine_from(finest, finest, state, turn)
 
     def _rests_until(self, moment: float) -> bool:
@@ -266,6 +270,7 @@ class DrawingLoop:
             self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         if refinement.complete:
             self._shown = picture
+            self._lost_at = None
             self._tell_first(picture)
         self._show(picture)
 
