@@ -16,7 +16,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
 from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, headed, helped, output_option, volumes_argument
-from volsplat.client.command.opened_volume import opened_quietly
+from volsplat.client.command.opened_volume import opened_quietly, servers_kept
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.server_options import Servers, memory_option, server_options, single_option, trace_option
@@ -92,10 +92,10 @@ def movie(volumes: tuple[str, ...], output: Path, rate: int, step: str, **settin
     check_output(output, motion.figure)
     console = SideConsole()
     began = time.perf_counter()
-    with shown_progress(motion.frames, console) as (say, done):
+    with shown_progress(motion.frames, console) as (say, done), servers_kept(servers, say, console) as kept:
 
         def opened(volume: str) -> AbstractContextManager[Renderer]:
-            return opened_quietly(volume, servers, say, console)
+            return opened_quietly(volume, kept, say, console)
 
         def tell(note: str) -> None:
             console.say(f"note: {note}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from importlib import import_module
 from ipaddress import ip_address
 from shlex import quote
@@ -12,6 +13,7 @@ from typing import Any
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.server_options import Servers
+from volsplat.client.session.kept_cluster import KeptCluster
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -81,6 +83,16 @@ def opened_quietly(
         yield session
 
 
+@contextmanager
+def servers_kept(servers: Servers, say: Callable[[str], None], console: PlainConsole) -> Iterator[Servers]:
+    """For several volumes in turn: a cluster is brought up once for all of them, and no other client's between two."""
+    if servers.cluster is None:
+        yield servers
+        return
+    with closing(KeptCluster(servers.cluster, say, lambda missing: console.say(f"note: {missing}"))) as kept:
+        yield replace(servers, kept=kept)
+
+
 def session_of(volume: str | None, servers: Servers, say: Callable[[str], None], console: PlainConsole) -> Session:
     """A session that these servers draw for, if there is a volume; it does not wait for that.
 
@@ -99,7 +111,7 @@ def session_of(volume: str | None, servers: Servers, say: Callable[[str], None],
 def _whose(servers: Servers) -> dict[str, Any]:
     """What a session is told of where they come from."""
     if servers.cluster is not None:
-        return {"cluster": servers.cluster}
+        return {"cluster": servers.kept or servers.cluster}
     started = {"threads": servers.threads, "data_root": servers.data_root} if servers.here else {"spawn": False}
     return {
         "workers": servers.workers,

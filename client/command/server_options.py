@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -20,6 +20,9 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token, find_token, new_token
+
+if TYPE_CHECKING:
+    from volsplat.client.session.kept_cluster import KeptCluster
 
 COUNT = click.IntRange(min=1)
 FILE = click.Path(path_type=Path)
@@ -96,6 +99,7 @@ class Servers:
     silence: float = SILENCE_SECONDS  # after which one is lost
     tls: bool | None = None  # between machines
     cluster: Path | None = None  # whose servers are used, instead of all that is said of them here
+    kept: KeptCluster | None = None  # that cluster, for several sessions in turn
     data_root: str | None = None  # folder outside of which those started here read nothing
     trace: Path | None = None  # file for what every process does when
 

@@ -1,21 +1,16 @@
-"""The servers of a cluster in a session: brought up if they are not, joined to it, and let go at its end."""
+"""The servers of a cluster in a session: joined to it, and let go at its end."""
 
-import atexit
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.session.cluster_calls import ClusterCalls
 from volsplat.client.session.cluster_watch import ClusterWatch
+from volsplat.client.session.kept_cluster import KeptCluster
 from volsplat.client.session.missing_reasons import MissingReasons
 from volsplat.client.session.server_links import ServerLinks
-from volsplat.deploy.cluster.cluster_use import ClusterUse
-from volsplat.deploy.cluster.running import RunningCluster
-from volsplat.deploy.cluster.state import ClusterBusy, ClusterState, MachinesFailed
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
-from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.tokens import Token
@@ -27,76 +22,22 @@ class ClusterServers:
     here = False
     replaced = True
 
-    def __init__(self, path: Path, report: Callable[[str], None], tell_missing: Callable[[str], None]) -> None:
-        """Waits until no other client uses the cluster, and brings it up if it is not. Raises BadInput.
+    def __init__(self, kept: KeptCluster, lasts: bool, report: Callable[[str], None]) -> None:
+        """The cluster is closed with the session, unless it `lasts`. Raises BadInput.
 
-        `report` gets lines of progress, `tell_missing` one for each thing that failed and is gone on without.
+        `report` gets lines of progress.
         """
-        self._running, self._report, self._tell_missing = RunningCluster(path), report, tell_missing
-        self._opened_by = OwnProcess()
-        self._brought_up = False
-        self._use = ClusterUse(self._running.folder)
-        self._use.take(report)
+        self._kept, self._lasts, self._report = kept, lasts, report
+        self._running = kept.running
         try:
-            self._state = self._as_it_is() or self._bring_up()
+            self._state = kept.state()
         except BaseException:
-            self._use.end()
+            self._let_go()
             raise
         self._reasons = MissingReasons(report)
         self._tunnels: Tunnels | None = None
         self._calls: ClusterCalls | None = None
         self._watch: ClusterWatch | None = None
-
-    def _as_it_is(self) -> ClusterState | None:
-        """None where it is not up."""
-        state = self._running.state()
-        return None if state is None else self._with_both_kinds(state)
-
-    def _bring_up(self) -> ClusterState:
-        self._brought_up = True
-        atexit.register(self._down_at_exit)  # wherever Ctrl-C ends what follows
-        try:
-            return self._up_as_far_as_it_draws()
-        except ClusterBusy:  # by somebody else, who has it then
-            atexit.unregister(self._down_at_exit)
-            raise
-        except BaseException:
-            self._down()
-            raise
-
-    def _with_both_kinds(self, state: ClusterState) -> ClusterState:
-        """Without machines that failed at `deploy up`; if a kind is missing, all that failed are tried again."""
-        if not state.can_draw:
-            return self._up_as_far_as_it_draws()
-        for title, line in self._running.never_started(state):
-            self._tell_missing(f"{title}: {line}")
-        return state
-
-    def _up_as_far_as_it_draws(self) -> ClusterState:
-        """Without machines that fail, if there are both kinds of server. Raises BadInput, which names them, if not."""
-        try:
-            return self._running.up(self._report)
-        except MachinesFailed as error:
-            if not error.state.can_draw:
-                raise
-            self._tell_missing(str(error))
-            return error.state
-
-    def _down(self) -> None:
-        if not self._opened_by.is_here:  # a process that was forked ends
-            return
-        try:
-            self._running.down(self._report)
-        except VolsplatError:  # another try would end alike, but after Ctrl-C it need not
-            atexit.unregister(self._down_at_exit)
-            raise
-        atexit.unregister(self._down_at_exit)
-
-    def _down_at_exit(self) -> None:
-        try:
-            self._down()
-        except VolsplatError as error:
-            self._report(str(error))
 
     @property
     def workers(self) -> int:
@@ -160,14 +101,15 @@ class ClusterServers:
             self._watch.close()
 
     def release(self) -> None:
-        """The session has ended: bring the cluster down if it was brought up for it, and let other clients use it."""
+        """The session has ended, and with it what was begun for it."""
         try:
             if self._watch is not None:
                 self._watch.join()
             if self._tunnels is not None:
                 self._tunnels.close()
-            if self._brought_up:
-                self._down()
         finally:
-            if self._opened_by.is_here:  # a process that was forked has the same lock
-                self._use.end()
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if not self._lasts:
+            self._kept.close()

@@ -41,6 +41,7 @@ from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_images import AskedImages, DrawingTurn
 from volsplat.client.session.coordination import Coordination
+from volsplat.client.session.kept_cluster import KeptCluster
 from volsplat.client.session.renderer import FILE_SECONDS, Refinement, Renderer
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.session.session_servers import asked_servers
@@ -103,7 +104,7 @@ class Session(Renderer):
         held: bool = True,
         silence: float | None = None,
         tls: bool | None = None,
-        cluster: str | Path | None = None,
+        cluster: str | Path | KeptCluster | None = None,
         trace: str | Path | None = None,
         data_root: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,

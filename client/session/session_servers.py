@@ -10,6 +10,7 @@ from typing import Protocol
 
 from volsplat.client.caller.arguments import checked_address, checked_count, checked_number
 from volsplat.client.session.cluster_servers import ClusterServers
+from volsplat.client.session.kept_cluster import KeptCluster
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.program.this_machine import check_server_count, usable_cores, usual_servers
 from volsplat.protocol.description.volume_name import absolute_name
@@ -128,7 +129,7 @@ def asked_servers(
     token: Token | None,
     silence: float | None,
     tls: bool | None,
-    cluster: str | Path | None,
+    cluster: str | Path | KeptCluster | None,
     data_root: str | Path | None,
     report: Callable[[str], None],
     tell_missing: Callable[[str], None],
@@ -143,7 +144,9 @@ def asked_servers(
     if cluster is not None or not spawn:
         _refuse({"threads": threads, "data_root": data_root}, "this session starts no servers that it would hold for")
     if cluster is not None:
-        return ClusterServers(Path(cluster), report, tell_missing)
+        if isinstance(cluster, KeptCluster):
+            return ClusterServers(cluster, True, report)
+        return ClusterServers(KeptCluster(Path(cluster), report, tell_missing), False, report)
     workers = usual_servers() if workers is None else checked_count(workers, "workers")
     splat_servers = 1 if splat_servers is None else checked_count(splat_servers, "splat_servers")
     started = None

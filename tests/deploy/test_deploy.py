@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
@@ -26,10 +26,11 @@ from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from support.programs.server_processes import is_server
 from volsplat.client import Session
+from volsplat.client.command.movie_command import movie
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_calls, cluster_watch
-from volsplat.client.session.cluster_servers import ClusterServers
+from volsplat.client.session.kept_cluster import KeptCluster
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.cluster import cluster_use
 from volsplat.deploy.cluster.running import RunningCluster
@@ -157,6 +158,37 @@ def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Perso
     assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
     status = person.runs("deploy", "status", str(cluster))
     assert status.returncode == 2 and "is not up" in status.stderr
+
+
+def test_several_sessions_in_turn_have_one_cluster_from_the_first_to_the_last(person: Person) -> None:
+    path = cluster_file(person.folder, f"kept-{os.getpid()}", f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n")
+    with closing(KeptCluster(path, print, print)) as kept:
+        begun: list[list[int]] = []
+        for _ in range(2):
+            with Session(person.folder / "head.nrrd", cluster=kept) as session:
+                assert session.default_scene()
+            begun.append(processes(person))
+            with pytest.raises(BadInput, match="this process uses the cluster"):
+                Session(person.folder / "head.nrrd", cluster=path)
+        assert len(begun[0]) == 2 and begun[0] == begun[1]
+    assert not servers_of(person)
+
+
+def test_a_movie_of_several_volumes_brings_a_cluster_up_once(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = cluster_file(person.folder, f"movie-{os.getpid()}", f"{LOCAL}map-shade-servers = 1\nsplat-servers = 1\n")
+    shutil.copy(person.folder / "head.nrrd", person.folder / "again.nrrd")
+    volumes = [str(person.folder / name) for name in ("head.nrrd", "again.nrrd")]
+    ups: list[RunningCluster] = []
+    up = RunningCluster.up
+
+    def counted(cluster: RunningCluster, report: Callable[[str], None]) -> ClusterState:
+        ups.append(cluster)
+        return up(cluster, report)
+
+    monkeypatch.setattr(RunningCluster, "up", counted)
+    film = person.folder / "film"
+    movie.main([*volumes, "-o", str(film), "--size", "16x16", "--cluster", str(path)], standalone_mode=False)
+    assert len(ups) == 1 and len(list(film.iterdir())) == 2 and not servers_of(person)
 
 
 FAILS = """
@@ -384,7 +416,7 @@ def test_servers_that_cannot_be_remembered_are_none_to_draw_with(
 
     monkeypatch.setattr(StateFolder, "save", failing)
     with pytest.raises(BadInput, match="the state cannot be written"):
-        ClusterServers(path, print, print)
+        KeptCluster(path, print, print)
     assert not servers_of(person)
 
 
