@@ -11,6 +11,8 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import fresh_page, page
 from support.pages.tables_tab import box
 from support.pages.viewed import phantom, view, volume
+from volsplat.client.figure.figure import Figure
+from volsplat.protocol.description.scene import Image
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
@@ -56,6 +58,15 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     with page.expect_download():
         make.click()
     lacks.wait_for()
+    page.get_by_label("width, cm").fill("")
+    page.get_by_label("pixels per inch").fill("")
+    with page.expect_download() as download:
+        make.click()
+    root = ElementTree.parse(Path(download.value.path())).getroot()
+    (picture,) = root.findall(".//{*}image")
+    (side,) = (text for text in root.findall(".//{*}text") if text.text == "R")
+    image = Image(width=round(float(picture.attrib["width"])), height=round(float(picture.attrib["height"])))
+    assert float(side.attrib["font-size"]) == Figure().em_on(image), "nobody said how large it is printed"
     page.get_by_role("button", name="close", exact=True).click()
     make.wait_for(state="hidden")
 

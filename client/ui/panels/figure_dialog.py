@@ -39,9 +39,9 @@ class FigureDialog:
             self._labels = ui.textarea("labels, each TEXT@I,J,K").props("dense autogrow rows=1").classes("w-full")
             with ui.row():
                 self._width = ui.number("width, cm", value=WIDTH).props("dense")
-                self._dpi = ui.number("pixels per inch", value=PRINTED_DPI).props("dense")
+                self._dpi = _number_or_usual("pixels per inch", PRINTED_DPI)
             with ui.row():
-                self._text_size = ui.number("words, points", value=PRINTED_TEXT).props("dense")
+                self._text_size = _number_or_usual("words, points", PRINTED_TEXT)
                 self._kind = ui.select(list(FIGURE_KINDS), value=FIGURE_KINDS[0], label="kind").props("dense")
             ui.label("without a width it has the pixels of the picture on the page").classes("vs-muted")
             self._trouble = ui.label("").classes("vs-bad").props("role=alert")
@@ -85,3 +85,8 @@ class FigureDialog:
             raise BadInput("labels: give TEXT@I,J,K in each line, as in nose@128,8,60 for a voxel") from error
         given |= {name: switch.value for name, switch in self._switches.items()}
         return figure_with(Figure(), {name: value for name, value in given.items() if value is not None})
+
+
+def _number_or_usual(label: str, usual: float) -> ui.number:
+    """Empty, which is the usual of what is printed; of a figure without a width what suits its picture."""
+    return ui.number(label, placeholder=f"{usual:g}").props("dense stack-label")
