@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from volsplat.client.figure.colour_bars import INSET, NONE, ColourBars, colour_bars
 from volsplat.client.figure.drawing import Anchor, Drawing, Shape, Words
 from volsplat.client.figure.figure import Figure
-from volsplat.client.figure.pointing_labels import pointing_labels
+from volsplat.client.figure.pointing_labels import Ways, pointing_labels
 from volsplat.client.figure.room import Room
 from volsplat.client.figure.scale_bars import scale_bars
 from volsplat.client.figure.side_marks import side_marks
@@ -67,8 +67,12 @@ def laid_out(
     volume: SurveyedVolume,
     height: int | None = None,
     of_several: bool = False,
+    ways: Ways | None = None,
 ) -> Drawing:
-    """The drawing of a finished picture of the scene; of another height if there must be one."""
+    """The drawing of a finished picture of the scene; of another height if there must be one.
+
+    `of_several`: see `colour_bars`. `ways` are those of the labels in the image before, and then in this one.
+    """
     scene, description = volume.settled(scene), volume.description
     ink, paper = figure.ink_on(scene.image.background)
     em, above = figure.em_on(scene.image), _above(figure, scene.image)
@@ -83,7 +87,8 @@ def laid_out(
     if figure.sides:
         shapes += side_marks(scene, description, room, corner, em, ink, paper)
     if figure.labels:
-        shapes += pointing_labels(figure.labels, scene, description.geometry, room, corner, em, ink, paper)
+        kept = {} if ways is None else ways
+        shapes += pointing_labels(figure.labels, scene, description.geometry, room, corner, em, ink, paper, kept)
     bars = _bars(figure, scene, volume, of_several)
     shapes += bars.shapes(above + scene.image.height, scene.image.width, em, ink)
     width, whole = figure_extent(figure, scene, volume, of_several)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 
 from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
 from volsplat.client.figure.room import Room
@@ -15,6 +16,8 @@ from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 
 REACH = 1.6  # ems from the voxel to the words, aside and upwards
 THICKNESS = 0.1  # ems
+
+Ways = dict[int, tuple[float, float]]  # of each label: from its voxel to its words, in pixels to the right and down
 
 
 def place_of(point: Vector, scene: Scene, geometry: Geometry) -> tuple[float, float]:
@@ -70,31 +73,39 @@ def pointing_labels(
     em: int,
     ink: Colour,
     paper: Colour,
+    ways: Ways,
 ) -> list[Shape]:
-    """Where there is room, which they take; those of voxels outside the picture are left out."""
+    """Where there is room, which they take; those of voxels outside the picture are left out.
+
+    A label goes the way that it went last, if nothing is wrong there now; `ways` is brought up to date.
+    """
     shapes: list[Shape] = []
-    for text, point in labels:
+    for n, (text, point) in enumerate(labels):
         x, y = place_of(point, scene, geometry)
         if not _is_inside(x, y, scene.image):
             continue
-        places = []
-        for aside, down in _ways(x, y, scene.image, em):
-            start, way = (x + corner[0], y + corner[1]), 1 if aside > 0 else -1
-            end = (start[0] + aside, start[1] + down)
-            words = end[0] + 0.25 * em * way, end[1] + 0.36 * em
-            anchor = Anchor.START if way > 0 else Anchor.END
-            line = Line(*start, *end, max(THICKNESS * em, 1.0), ink, paper)
-            places.append((line, Words(*words, text, em, ink, paper, anchor)))
-        best = room.best(places)
+        tried = chain([ways[n]] if n in ways else [], _ways(x, y, scene.image, em))
+        start = (x + corner[0], y + corner[1])
+        line, _ = best = room.best(_pointing(text, start, way, em, ink, paper) for way in tried)
+        ways[n] = (line.x1 - line.x0, line.y1 - line.y0)
         room.take(best)
         shapes += best
     return shapes
 
 
-def _ways(x: float, y: float, image: Image, em: int) -> list[tuple[float, float]]:
+def _pointing(
+    text: str, start: tuple[float, float], way: tuple[float, float], em: int, ink: Colour, paper: Colour
+) -> tuple[Line, Words]:
+    end, side = (start[0] + way[0], start[1] + way[1]), 1 if way[0] > 0 else -1
+    anchor = Anchor.START if side > 0 else Anchor.END
+    line = Line(*start, *end, max(THICKNESS * em, 1.0), ink, paper)
+    return line, Words(end[0] + 0.25 * em * side, end[1] + 0.36 * em, text, em, ink, paper, anchor)
+
+
+def _ways(x: float, y: float, image: Image, em: int) -> Iterator[tuple[float, float]]:
     """From a voxel to words aslant of it, the nearest first; of these upwards, towards the picture's middle."""
     reach = REACH * em
     aside, down = 1 if x < image.width / 2 else -1, -1 if y > 2 * reach else 1
     farthest = max(round(min(image.width, image.height) / reach), 1)
     diagonals = [(aside, down), (aside, -down), (-aside, down), (-aside, -down)]
-    return [(n * reach * right, n * reach * below) for n in range(1, farthest + 1) for right, below in diagonals]
+    return ((n * reach * right, n * reach * below) for n in range(1, farthest + 1) for right, below in diagonals)

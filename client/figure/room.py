@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
 from volsplat.client.figure.type_faces import width_of
@@ -54,6 +54,10 @@ class Trouble(NamedTuple):
     crossed: int  # words that a line would run through
 
 
+NONE = Trouble(0, 0)
+Place = TypeVar("Place", bound=Sequence[Shape])
+
+
 class Room:
     """What is free over the picture; whoever comes first has the choice."""
 
@@ -70,9 +74,15 @@ class Room:
             elif isinstance(shape, Line):
                 self._lines.append(shape)
 
-    def best(self, places: Sequence[Sequence[Shape]]) -> Sequence[Shape]:
-        """The first of the places with the least trouble."""
-        return min(places, key=self.trouble)
+    def best(self, places: Iterable[Place]) -> Place:
+        """The first of the places with the least trouble; none is looked at after one without any."""
+        tried: list[tuple[Trouble, Place]] = []
+        for place in places:
+            trouble = self.trouble(place)
+            if trouble == NONE:
+                return place
+            tried.append((trouble, place))
+        return min(tried, key=lambda one: one[0])[1]
 
     def trouble(self, shapes: Iterable[Shape]) -> Trouble:
         covered = crossed = 0

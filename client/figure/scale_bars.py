@@ -31,10 +31,9 @@ def bar_length(scale: Scale, scene: Scene, description: VolumeDescription) -> tu
     return length, length * per_unit
 
 
-def seen_scales(scene: Scene, description: VolumeDescription) -> list[Scale]:
-    """Without those of axes along which one looks; of a scene whose view is settled."""
-    shares = [(scale, _share_on_screen(scale, scene, description.geometry)) for scale in scales_of(description)]
-    return [scale for scale, share in shares if share >= LEAST_SHARE]
+def is_seen(scale: Scale, scene: Scene, geometry: Geometry) -> bool:
+    """Whether it is not that of an axis along which one looks; of a scene whose view is settled."""
+    return _share_on_screen(scale, scene, geometry) >= LEAST_SHARE
 
 
 def _share_on_screen(scale: Scale, scene: Scene, geometry: Geometry) -> float:
@@ -47,11 +46,16 @@ def _share_on_screen(scale: Scale, scene: Scene, geometry: Geometry) -> float:
 def scale_bars(
     scene: Scene, description: VolumeDescription, corner: tuple[int, int], em: int, ink: Colour, paper: Colour
 ) -> list[Shape]:
-    """One for each scale that is seen of the volume, the first at the top; `corner` is the picture's."""
+    """One for each scale that is seen of the volume, the first at the top; `corner` is the picture's.
+
+    Each has a row of its own, seen or not, so that in a movie none moves as another comes and goes.
+    """
     shapes: list[Shape] = []
-    scales = seen_scales(scene, description)
+    scales = scales_of(description)
     left = corner[0] + MARGIN * em
     for n, scale in enumerate(scales):
+        if not is_seen(scale, scene, description.geometry):
+            continue
         length, pixels = bar_length(scale, scene, description)
         y = corner[1] + scene.image.height - (MARGIN + ROW * (len(scales) - 1 - n)) * em
         shapes.append(Words(left, y - WORDS * em, scale_text(scale, length), em, ink, paper))

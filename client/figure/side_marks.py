@@ -51,11 +51,10 @@ def side_marks(
     for edge, mark in marks.items():
         if not mark:
             continue
-        places = [
+        best = room.best(
             (Words(left, base, mark, em, ink, paper, anchor, bold=True),)
             for left, base, anchor in _places(edge, scene.image, corner, em)
-        ]
-        best = room.best(places)
+        )
         if not room.trouble(best).covered:
             room.take(best)
             shapes += best

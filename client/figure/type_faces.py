@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import groupby
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ from volsplat.client.figure.characters import LATIN, legible
 from volsplat.client.image.lettering import BOLD_FONT, FONT, extent
 
 WIDE_FONT = "DroidSansMono"  # has more than western Europe's letters
+REMEMBERED = 1024  # lines' widths: the words of a movie are measured for each place in each frame
 
 
 class Run(NamedTuple):
@@ -25,6 +27,7 @@ def runs_of(text: str, bold: bool = False) -> list[Run]:
     return [Run("".join(characters), font) for font, characters in fonts]
 
 
+@lru_cache(REMEMBERED)
 def width_of(text: str, size: int, bold: bool = False) -> int:
     """In pixels."""
     runs = runs_of(text, bold)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -17,11 +17,13 @@ from support.scenes.arbitrary import geometries, plain_scene, quaternions, zooms
 from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.colour_bars import MOST_CLASSES, colour_bars
-from volsplat.client.figure.drawing import Anchor, Area, Ramp, Words
+from volsplat.client.figure.drawing import Anchor, Area, Line, Ramp, Words
 from volsplat.client.figure.figure import Figure, figure_with
+from volsplat.client.figure.frame_figure import FrameFigure
 from volsplat.client.figure.layout import figure_extent, laid_out, sized
 from volsplat.client.figure.pointing_labels import place_of, why_never_labelled, why_unlabelled
-from volsplat.client.figure.scale_bars import bar_length, seen_scales
+from volsplat.client.figure.room import Room
+from volsplat.client.figure.scale_bars import bar_length, is_seen
 from volsplat.client.figure.side_marks import edge_marks
 from volsplat.client.figure.type_faces import width_of
 from volsplat.client.movie.key_frames import turntable
@@ -55,6 +57,7 @@ HEAD = VolumeDescription(
     name="head", format="NRRD", geometry=GEOMETRY, scalar_type="int16", unit="mm", value_unit="HU", anatomical=True
 )
 SCENE = plain_scene()
+PICTURE = np.zeros((1, 1, 4), np.float32)  # its pixels decide nothing of what is about it
 replace = msgspec.structs.replace
 
 
@@ -98,7 +101,7 @@ def test_a_bar_for_one_axis_is_as_long_as_that_lies_on_the_screen_and_there_is_n
     axes = tuple(GridAxis(name, unit, 0.0, 2.0) for name, unit in (("x", "deg"), ("y", "deg"), ("v", "km/s")))
     described = replace(HEAD, geometry=geometry, axes=axes, anatomical=False, up="+z", unit="deg")
     scene = plain_scene(view=View(rotation=rotation, zoom=zoom, up="+z"), size=(500, 400))
-    seen = seen_scales(scene, described)
+    seen = [scale for scale in scales_of(described) if is_seen(scale, scene, geometry)]
     start, end = place_of((0.0, 0.0, 0.0), scene, geometry), place_of((0.0, 0.0, 1.0), scene, geometry)
     along = matrices.applied(screen_rotation(scene.view), matrices.column(geometry.index_to_physical, 2))
     degrees = math.degrees(math.atan2(math.hypot(along[0], along[1]), abs(along[2])))
@@ -383,6 +386,50 @@ def test_no_words_over_a_picture_lie_over_others(
         assert left >= 0 and top >= 0 and right <= width and bottom <= height
         for other_left, other_top, other_right, other_bottom in boxes[:n]:
             assert right <= other_left or other_right <= left or bottom <= other_top or other_bottom <= top
+
+
+@given(rotation=quaternions, name=st.sampled_from(["x", "y", "v"]))
+def test_a_scale_bar_has_its_row_whichever_others_are_seen(
+    rotation: tuple[float, float, float, float], name: str
+) -> None:
+    axes = tuple(GridAxis(name, unit, 0.0, 1.0) for name, unit in (("x", "deg"), ("y", "K"), ("v", "km/s")))
+    volume = surveyed(replace(HEAD, axes=axes, anatomical=False))
+
+    def rows(view: tuple[float, float, float, float]) -> dict[str, float]:
+        scene = plain_scene(view=View(rotation=view, zoom=3.0, up="+z"), size=(500, 400))
+        shapes = laid_out(PICTURE, Figure(sides=False, colour_bar=False), scene, volume).shapes
+        return {shape.text.split()[0]: shape.y for shape in shapes if isinstance(shape, Words)}
+
+    aslant = rows(rotation_from_angles(45.0, 35.0))
+    assert len(aslant) == 3
+    assert rows(rotation).items() <= aslant.items()
+
+
+@given(point=st.tuples(st.floats(0, 7), st.floats(0, 8), st.floats(0, 99)), frames=st.integers(2, 30))
+def test_in_a_movie_a_label_stays_to_its_side_of_the_voxel_while_there_is_room(point: Vector, frames: int) -> None:
+    figure = Figure(labels=(("there", point),), scale_bar=False, sides=False, colour_bar=False)
+    scenes = turntable(plain_scene(view=View(zoom=2.0), size=(600, 600)), GEOMETRY, frames)
+    drawn_about = FrameFigure(figure, scenes, surveyed())
+    ways = set()
+    for scene in scenes:
+        (line,) = (shape for shape in drawn_about.drawing(PICTURE, scene).shapes if isinstance(shape, Line))
+        ways.add((round(line.x1 - line.x0, 3), round(line.y1 - line.y0, 3)))
+    assert len(ways) == 1
+
+
+def test_of_places_without_trouble_the_first_is_taken_and_else_the_one_with_least() -> None:
+    room = Room(0, 0, 200, 100)
+    room.take([Line(50, 50, 150, 50, 4, (0.0, 0.0, 0.0), None)])
+    within, over, beyond = (
+        (Words(x, y, "eye", 10, (0.0, 0.0, 0.0), None),) for x, y in ((10.0, 20.0), (60.0, 54.0), (199.0, 54.0))
+    )
+
+    def places() -> Iterator[tuple[Words]]:
+        yield from (over, within)
+        raise AssertionError("what comes after a free place is measured for nothing")
+
+    assert room.best(places()) is within
+    assert room.best([over, beyond]) is over
 
 
 def _inked(words: Words) -> tuple[float, float, float, float]:
