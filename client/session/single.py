@@ -255,7 +255,8 @@ class SingleProcess(Renderer):
             return PublishedImage(assembly.published(), *assembly.plan.image_size)
 
     def _check_newest(self, assembly: FrameAssembly) -> None:
-        """Raises Superseded if another frame was begun, since which this one goes no further."""
+        """Raises Superseded if another frame was begun, which ends this one, and PeerLost once all is closed."""
+        self._check_open()
         if assembly.frame != self._frame:
             raise Superseded
 
@@ -358,8 +359,8 @@ class SingleProcess(Renderer):
         """End the threads, unless this process was forked and has none, and let go of what is held of the volume."""
         if not self._opened_by.is_here:
             return
+        self._closed = True  # before the lock is waited for: who draws leaves it then
         with self._drawing:
-            self._closed = True
             self._owners.close()
             self._held.let_go()
         if self._tracer is not None:

@@ -6,6 +6,7 @@ import signal
 import threading
 import tracemalloc
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -374,3 +375,24 @@ def test_a_closed_single_process_holds_nothing_and_says_that_it_is_closed(head: 
     for ask in (single.finish, lambda scene: list(single.refine(scene)), lambda scene: single.probe(scene, 1, 1)):
         with pytest.raises(PeerLost, match="^the session is closed$"):
             ask(scene)
+
+
+def test_what_a_single_process_is_drawing_ends_once_it_is_closed(head: Path) -> None:
+    begun = threading.Event()
+    single = SingleProcess(head, on_progress=lambda words: begun.set() if words == "step F" else None)
+    scene = single.volume.default_scene().with_(size=2000)
+    with ThreadPoolExecutor(1) as thread:
+        finished = thread.submit(single.finish, scene)
+        assert begun.wait(PATIENCE)
+        single.close()
+        with pytest.raises(PeerLost, match="^the session is closed$"):
+            finished.result(PATIENCE)
+
+
+def test_a_refinement_that_a_caller_goes_on_with_ends_if_its_single_process_was_closed(head: Path) -> None:
+    single = SingleProcess(head)
+    left = single.refine(single.volume.default_scene().with_(size=2000), first="F", partial_interval=0.0)
+    assert not next(left).complete
+    single.close()
+    with pytest.raises(PeerLost, match="^the session is closed$"):
+        next(left)
