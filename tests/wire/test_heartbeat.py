@@ -23,12 +23,17 @@ from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import encode
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.heartbeat import (
+    LONGEST_STEP,
     MOST_OF_A_STEP,
+    SILENCE_SECONDS,
     STEPS,
+    UNTAKEN,
     Heartbeat,
+    _Pulse,
     patience_with_client,
 )
 from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tcp_info import Delivery
 from volsplat.protocol.wire.tls_channel import TlsChannel
 from volsplat.protocol.wire.tokens import new_token
 
@@ -309,6 +314,57 @@ def test_signs_that_nobody_takes_are_left_and_end_with_the_connection(ends: tupl
     assert server.closed
     with pytest.raises(PeerLost, match="is gone"):
         server.leave_no_signs()
+
+
+Told = list[Delivery]  # what the system says of delivery, from now on; the last one is the newest
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    told = [Delivery(sends_again=True, taken=1000)]
+    monkeypatch.setattr(Connection, "delivery", property(lambda connection: told[-1]))
+    return told
+
+
+def lasts(pulse: _Pulse, seconds: float) -> bool:
+    """Whether the connection is open once so much time has passed, by steps of which none is missing."""
+    for _ in range(round(seconds / LONGEST_STEP)):
+        pulse.beat(LONGEST_STEP, SILENCE_SECONDS)
+    return not pulse.connection.closed
+
+
+@pytest.mark.parametrize("patience", [None, 3 * UNTAKEN * SILENCE_SECONDS])
+def test_a_peer_that_is_heard_is_given_up_once_the_network_has_swallowed_the_same_for_long(
+    ends: tuple[Connection, Connection], told: Told, patience: float | None
+) -> None:
+    """For as long as it may be silent, if that is longer."""
+    client, server = ends
+    server.send(messages.LeaveSession())
+    wait_until(lambda: client.unread, "is it heard")
+    limit = patience or UNTAKEN * SILENCE_SECONDS
+    pulse = _Pulse(client, None if patience is None else lambda: limit)
+    assert lasts(pulse, LONGEST_STEP)  # what was taken before is not known
+    assert lasts(pulse, limit - LONGEST_STEP)
+    assert not lasts(pulse, LONGEST_STEP)
+    with pytest.raises(PeerLost, match=r"lets packets of full size through \(MTU\)"):
+        client.send(messages.AbortFrame(1))
+
+
+@pytest.mark.parametrize(("sends_again", "more"), [(True, 1), (False, 0)], ids=["more is taken", "nothing is lost"])
+def test_what_arrives_late_or_is_only_not_read_counts_as_delivered(
+    ends: tuple[Connection, Connection], told: Told, sends_again: bool, more: int
+) -> None:
+    client, _ = ends
+    pulse = _Pulse(client, None)
+    assert lasts(pulse, LONGEST_STEP)
+    for _ in range(3):
+        assert lasts(pulse, UNTAKEN * SILENCE_SECONDS - LONGEST_STEP)
+        taken = told[-1].taken + more
+        told.append(Delivery(sends_again, taken))
+        assert lasts(pulse, LONGEST_STEP)
+        told.append(Delivery(sends_again=True, taken=taken))
+    told.append(Delivery(sends_again=False, taken=told[-1].taken))
+    assert lasts(pulse, 10 * UNTAKEN * SILENCE_SECONDS)
 
 
 def test_a_server_judges_no_client_of_its_own_machine(ends: tuple[Connection, Connection]) -> None:
