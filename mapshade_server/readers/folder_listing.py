@@ -1,7 +1,6 @@
 """What lies in a folder that can be opened: files by their content, the series of a DICOM folder, folders of slices."""
 
 import os
-import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import NamedTuple
 from volsplat.mapshade_server.readers.arrays import raw_voxels
 from volsplat.mapshade_server.readers.medicine import dicom_file, dicom_series, picture_folder, tiff_folder
 from volsplat.mapshade_server.readers.open_volume import format_of, head_of, parts_of
+from volsplat.mapshade_server.readers.reading.natural_order import NameOrder, natural_order
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeFormat
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
 from volsplat.protocol.description.volume_name import VolumeName, volume_name
@@ -123,13 +123,11 @@ def _sorted(root: Path, folder: Path) -> tuple[list[Path], list[Path]]:
                 folders.append(path)
             elif one.is_file():
                 files.append(path)
-    return sorted(folders, key=_in_order), sorted(files, key=_in_order)
 
+    def by_name(path: Path) -> NameOrder:
+        return natural_order(path.name)
 
-def _in_order(path: Path) -> tuple[list[str | int], str]:
-    """To sort by: numbers in names as numbers, so that step 10 comes after step 9, and letters of either case alike."""
-    words = re.split("([0-9]+)", path.name.casefold())
-    return [int(word) if at % 2 else word for at, word in enumerate(words)], path.name
+    return sorted(folders, key=by_name), sorted(files, key=by_name)
 
 
 def _can_be_told(name: str) -> bool:

@@ -225,6 +225,17 @@ def test_of_a_file_with_several_volumes_each_is_told_as_it_is_named(root: Path) 
     assert [part for part, _ in parts(root, "two.npz#first")] == []
 
 
+def test_steps_within_a_file_are_told_in_the_order_of_their_numbers(root: Path) -> None:
+    steps = [f"step_{number}" for number in (1, 2, 10)]
+    group = zarr.open_group(root / "run.zarr", mode="w", zarr_format=2)
+    with h5py.File(root / "run.h5", "w") as file:
+        for step in steps:
+            file[f"{step}/density"] = np.zeros((4, 5, 6), np.uint8)
+            group.create_array(f"{step}/density", shape=(4, 5, 6), dtype=np.uint8)
+    assert [part for part, _ in parts(root, "run.h5")] == [f"/{step}/density" for step in steps]
+    assert [part for part, _ in parts(root, "run.zarr")] == [f"{step}/density" for step in steps]
+
+
 def test_time_points_levels_and_cubes_are_parts(root: Path) -> None:
     whole = np.zeros((6, 5, 4, 3), np.float32)
     nibabel.save(nibabel.Nifti1Image(whole, np.eye(4)), root / "bold.nii")

@@ -44,6 +44,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     sources_without,
 )
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
+from volsplat.mapshade_server.readers.reading.natural_order import natural_order
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, no_room
@@ -210,7 +211,7 @@ def _arrays(group: Any, root: str) -> dict[str, Any]:
 
 
 def _told(arrays: Mapping[str, Any]) -> list[Part]:
-    return [array_told(path, array.shape) for path, array in arrays.items()]
+    return [array_told(path, arrays[path].shape) for path in sorted(arrays, key=natural_order)]
 
 
 def _nexus_default(group: Any) -> Any:

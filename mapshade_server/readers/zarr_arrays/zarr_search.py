@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.arrays.array_volume import array_told, choose_one, shown
+from volsplat.mapshade_server.readers.reading.natural_order import natural_order
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Multiscale, multiscale_of
@@ -143,7 +144,8 @@ def _volumes(place: ZarrPlace, path: str, group: Any) -> list[Part]:
         elif node is not None and multiscale_of(path, node.attrs) is not None:
             found.append(Part(path, "an image"))
         elif node is not None:
-            waiting += sorted((f"{path}/{name}".strip("/"), member) for name, member in _members(node))
+            members = sorted(_members(node), key=lambda named: natural_order(named[0]))
+            waiting += [(f"{path}/{name}".strip("/"), member) for name, member in members]
     return found
 
 
