@@ -26,7 +26,7 @@ from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_movie_writable, movie_files
-from volsplat.client.movie.volumes_in_turn import OWN_STRENGTHS, renderers_in_turn, shows_strengths
+from volsplat.client.movie.volumes_in_turn import OWN_STRENGTHS, check_at_hand, renderers_in_turn, shows_strengths
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
@@ -86,6 +86,8 @@ def movie(volumes: tuple[str, ...], output: Path, rate: int, step: str, **settin
     servers = Servers.of(settings)
     for volume in volumes:
         servers.check_sees(volume)
+        if servers.here:
+            check_at_hand(volume)
         check_written_apart(volume, *movie_files(output, motion.frames), records=[servers.trace])
     if servers.trace is not None and len(volumes) > 1:
         raise BadInput("--trace records the servers of one volume; leave it out")

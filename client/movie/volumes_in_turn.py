@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
+from pathlib import Path
 
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import Field, Scene
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 ONE_GRID = "the volumes of a movie need grids of the same size and spacing"
@@ -18,6 +21,18 @@ OWN_STRENGTHS = (
     "gradient strengths are scaled for each volume by itself: what the scene shows by them cannot be compared between "
     "the volumes"
 )
+
+
+def check_at_hand(name: str) -> None:
+    """Raises BadInput for a file on this machine that is empty or that nobody may read, before others are drawn."""
+    place, _ = volume_name(name)
+    path = Path(place)
+    if not path.is_file():
+        return
+    if not os.access(path, os.R_OK):
+        raise BadInput(f"{path}: cannot be read; check its permissions")
+    if path.stat().st_size == 0:
+        raise BadInput(f"{path}: the file is empty; fetch or export the volume again")
 
 
 def renderers_in_turn(

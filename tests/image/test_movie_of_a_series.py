@@ -113,6 +113,13 @@ def saved(person: Person, name: str, values: NDArray[np.float32], intent: str = 
     return name
 
 
+def test_a_file_without_content_is_refused_before_anything_is_drawn(person: Person, series: list[str]) -> None:
+    (person.folder / "cut.nii").touch()
+    done = person.runs("movie", *series, "cut.nii", "-o", "beat", "--size", "16x16", "--single")
+    assert done.returncode == 2
+    assert done.stderr == "volsplat: cut.nii: the file is empty; fetch or export the volume again\n"
+
+
 def test_what_is_unusual_about_any_volume_is_told_once_and_one_without_values_is_empty(person: Person) -> None:
     ball = np.fromfunction(lambda i, j, k: 1000 * np.exp(-((i - 9) ** 2 + (j - 9) ** 2 + (k - 8) ** 2) / 12), SIZE)
     volumes = [
@@ -163,8 +170,9 @@ def test_a_prepared_volume_gives_its_window_to_others_and_takes_none(person: Per
     assert (read_image(own) - read_image(prepared)).abs().max() <= HALF_A_LEVEL["uint8"]
     done = person.runs("movie", "0.zarr", "2.zarr", "-o", "not", *shown)
     assert done.returncode == 2
-    assert "beat.nii#2 was prepared with the window 0 to 700; for another one prepare it again with --window 0.0,500.0" in (
-        done.stderr
+    assert (
+        "beat.nii#2 was prepared with the window 0 to 700; for another one prepare it again with --window 0.0,500.0"
+        in (done.stderr)
     )
     assert not (person.folder / "not").exists()
 
