@@ -39,6 +39,7 @@ def held(folder: StateFolder, told: bytes) -> Iterator[BinaryIO]:
         (b"{", "another client"),
         (msgspec.json.encode(Holder.this_process()), rf".* \(process {os.getpid()}, since .*\)"),
     ],
+    ids=["empty", "torn", "alike"],
 )
 def test_who_waits_hears_of_it_though_the_other_cannot_be_named_or_is_called_alike(
     folder: StateFolder, told: bytes, who: str
