@@ -78,10 +78,10 @@ class StoredLevels:
 
 def _check_rules(name: str, wanted: Quantisation, stored: Quantisation) -> None:
     if wanted.window != stored.window:
-        low, high = wanted.window
+        low, high = (repr(end).removesuffix(".0") for end in wanted.window)  # the very numbers
         raise BadInput(
             f"{name} was prepared with the window {stored.window[0]:g} to {stored.window[1]:g}; "
-            f"for another one prepare it again with --window {low!r},{high!r}"
+            f"for another one prepare it again with --window {low},{high}"
         )
     if wanted.directions != stored.directions:
         raise BadInput(
