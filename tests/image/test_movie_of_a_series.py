@@ -170,9 +170,8 @@ def test_a_prepared_volume_gives_its_window_to_others_and_takes_none(person: Per
     assert (read_image(own) - read_image(prepared)).abs().max() <= HALF_A_LEVEL["uint8"]
     done = person.runs("movie", "0.zarr", "2.zarr", "-o", "not", *shown)
     assert done.returncode == 2
-    assert (
-        "beat.nii#2 was prepared with the window 0 to 700; for another one prepare it again with --window 0,500"
-        in (done.stderr)
+    assert "beat.nii#2 was prepared with the window 0 to 700; for another one prepare it again with --window 0,500" in (
+        done.stderr
     )
     assert not (person.folder / "not").exists()
 
