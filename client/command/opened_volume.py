@@ -59,7 +59,7 @@ def opened(
 
 def tell_notes(volume: SurveyedVolume, console: PlainConsole) -> None:
     """What the reader and the survey warn of, a line each."""
-    for warning in (*volume.description.warnings, *volume.notes()):
+    for warning in volume.warnings():
         console.say(f"note: {warning}")
 
 

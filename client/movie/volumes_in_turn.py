@@ -87,7 +87,7 @@ def _check_like(told: VolumeDescription, name: str, first: VolumeDescription, fi
 def _notes(volume: SurveyedVolume) -> list[str]:
     if not volume.has_values:
         return [*volume.description.warnings, "no voxel has a value, all are NaN or infinite: nothing of it is seen"]
-    return [*volume.description.warnings, *volume.notes()]
+    return volume.warnings()
 
 
 def _grid_words(geometry: Geometry) -> str:

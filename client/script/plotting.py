@@ -195,7 +195,7 @@ def _opened(volume: Any) -> Session:
 
 def _tell_notes(volume: SurveyedVolume) -> None:
     """Of a volume that was opened for this; that an array does not say how it lies was told with its own warning."""
-    for note in (*volume.description.warnings, *volume.notes()):
+    for note in volume.warnings():
         if not note.startswith(UNPLACED):
             warnings.warn(note, VolumeNote, stacklevel=level_of_caller())
 

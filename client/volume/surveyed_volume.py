@@ -184,6 +184,10 @@ class SurveyedVolume:
             name = self.description.name
             raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
 
+    def warnings(self) -> list[str]:
+        """What the reader and the survey warn of, a line each."""
+        return [*self.description.warnings, *self.notes()]
+
     def notes(self) -> list[str]:
         """What is unusual about the values, for a person to know."""
         if self.survey.low == self.survey.high:

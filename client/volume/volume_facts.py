@@ -42,7 +42,7 @@ def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> dic
         "histogram": None if empty else {"low": ranges.low, "high": ranges.high, "counts": known.density_counts},
         "levels": [level.dims for level in known.prepared.levels] if known.prepared is not None else None,
         "parts": [one._asdict() for one in parts],
-        "notes": [*told.warnings, *known.notes()],
+        "notes": known.warnings(),
     }
     plain: dict[str, Any] = msgspec.to_builtins(facts)
     return plain
