@@ -94,13 +94,14 @@ def movie(volumes: tuple[str, ...], output: Path, rate: int, step: str, **settin
     check_output(output, motion.figure)
     console = SideConsole()
     began = time.perf_counter()
+
+    def tell(note: str) -> None:
+        console.say(f"note: {note}")
+
     with shown_progress(motion.frames, console) as (say, done), servers_kept(servers, say, console) as kept:
 
         def opened(volume: str) -> AbstractContextManager[Renderer]:
             return opened_quietly(volume, kept, say, console)
-
-        def tell(note: str) -> None:
-            console.say(f"note: {note}")
 
         with closing(renderers_in_turn(volumes, motion.frames, opened, tell)) as renderers:
             first = next(renderers)
@@ -111,7 +112,7 @@ def movie(volumes: tuple[str, ...], output: Path, rate: int, step: str, **settin
     seconds = time.perf_counter() - began
     motion.options.tell_unsuited(known, console)
     if why := motion.why_unlabelled(known):
-        console.say(f"note: {why}")
+        tell(why)
     console.say(f"{output}: {motion.frames} images of {width}x{height}, {seconds:.1f} s")
 
 
