@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from volsplat.client.caller.arguments import (
     checked_bytes,
@@ -72,9 +72,6 @@ from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.slabs import slabs_of
-
-if TYPE_CHECKING:
-    pass
 
 WORKER = 1  # the one map/shade "server"
 ASKED = 1  # the one question: it is answered before the next one is asked

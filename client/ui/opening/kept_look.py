@@ -18,7 +18,7 @@ def with_tables_of(kept: Scene, scene: Scene, before: SurveyedVolume, volume: Su
     scene = msgspec.structs.replace(scene, **look)
     if volume.prepared is not None or before.description.value_unit != volume.description.value_unit:
         return scene
-    window = before.quantisation(kept.quantise).window
+    window = before.windowed(kept).quantise.window
     return msgspec.structs.replace(scene, quantise=msgspec.structs.replace(scene.quantise, window=window))
 
 
