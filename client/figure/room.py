@@ -8,11 +8,7 @@ from typing import NamedTuple, TypeVar
 from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
 from volsplat.client.figure.type_faces import width_of
 
-ASCENT, DESCENT, ASIDE = (
-    0.85,
-    0.3,
-    0.15,
-)  # of words' size: what they take above and below the base line, and at each end
+ASCENT, DESCENT, ASIDE = 0.85, 0.3, 0.15  # of words' size: above and below the base line, and at each end
 
 
 class Rectangle(NamedTuple):
