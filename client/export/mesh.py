@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.export.local_origin import NOWHERE_ELSE, local_origin
 from volsplat.client.files.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
@@ -57,7 +58,9 @@ def write_mesh(
     By default it is where the table of opacities rises through half of its greatest rise.
     """
     need_mesh()
-    import trimesh
+    with interrupts_held(on_signal=lambda: None):  # what these catch while they load can be a KeyboardInterrupt
+        import skimage.measure  # noqa: F401
+        import trimesh
 
     quantisation = single.volume.quantisation(scene.quantise)
     low, scale = quantisation.window[0], quantisation.density_scale

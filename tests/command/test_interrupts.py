@@ -90,27 +90,47 @@ def test_a_command_that_becomes_a_program_is_interrupted_in_a_line(tmp_path: Pat
     assert (command.returncode, said) == (130, "volsplat: interrupted\n")
 
 
-STOPPED_AMID = """
+STOPS = """
 import signal, sys
 import numpy
-from volsplat.client.session.published_image import PublishedImage
 
-class Stops:  # who presses Ctrl-C when torch is half there
+class Stops:  # who presses Ctrl-C when a library is half there
+    def __init__(self, amid):
+        self.amid = amid
+
     def find_spec(self, name, path=None, target=None):
-        if name == "torch.nn.modules" and self in sys.meta_path:
+        if name == self.amid and self in sys.meta_path:
             sys.meta_path.remove(self)
             signal.raise_signal(signal.SIGINT)
 
-sys.meta_path.insert(0, Stops())
+def stopped(amid, act):
+    sys.meta_path.insert(0, Stops(amid))
+    try:
+        act()
+        print("done")
+    except KeyboardInterrupt:
+        print("stopped", act())
+"""
+
+PICTURE = """
+from volsplat.client.session.published_image import PublishedImage
+
 image = PublishedImage.of(numpy.zeros((2, 3, 4)))
-try:
-    image.tensor
-    print("done")
-except KeyboardInterrupt:
-    print("stopped", tuple(image.tensor.shape))
+stopped("torch.nn.modules", lambda: tuple(image.tensor.shape))
+"""
+
+MESH = """
+import volsplat as vs
+
+values = numpy.zeros((6, 6, 6), numpy.uint8)
+values[2:4, 2:4, 2:4] = 255
+stopped("scipy.sparse", lambda: vs.export(vs.Volume(values, spacing=(1, 1, 1)), "cube.stl", level=128))
 """
 
 
-def test_a_first_picture_that_is_stopped_leaves_torch_fit_for_the_next() -> None:
-    done = subprocess.run([sys.executable, "-c", STOPPED_AMID], capture_output=True, encoding="utf-8", timeout=PATIENCE)
-    assert (done.stdout, done.stderr) == ("stopped (2, 3, 4)\n", "")
+@pytest.mark.parametrize(("script", "made"), [(PICTURE, "(2, 3, 4)"), (MESH, "44 triangles at 128")], ids=["torch", "trimesh"])
+def test_what_is_stopped_amid_its_library_leaves_it_fit_for_the_next(script: str, made: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STOPS + script], cwd=tmp_path, capture_output=True, encoding="utf-8", timeout=PATIENCE
+    )
+    assert (done.stdout, done.stderr) == (f"stopped {made}\n", "")
