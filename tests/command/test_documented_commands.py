@@ -25,6 +25,7 @@ from support.programs.documented_commands import (
     fences,
     lines,
     links,
+    named_tests,
     reason_not_to_run,
     snippets,
 )
@@ -94,6 +95,17 @@ def test_documented_toml_can_be_read(documented: Documented) -> None:
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])  # the site's build follows the links of its pages
 def test_each_link_leads_to_a_file(page: str) -> None:
     assert [link for link in links(page) if not (ROOT / page).parent.joinpath(link).exists()] == []
+
+
+def test_each_test_that_a_page_names_is_there() -> None:
+    there = {
+        f"{file.name}::{test}"
+        for file in (ROOT / "tests").rglob("test_*.py")
+        for test in re.findall(r"^def (test_\w+)\(", file.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    named = named_tests()
+    assert len(named) > 100, "pages name tests otherwise by now"
+    assert [str(one) for one in named if one.text not in there] == []
 
 
 @pytest.mark.parametrize("documented", {one.text: one for one in commands()}.values(), ids=str)

@@ -42,6 +42,7 @@ NOT_RUN = {
 
 _COMMAND = re.compile(r"^ {4}(volsplat .*?)(?:\s+# .*)?$", re.MULTILINE)
 _FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_TEST = re.compile(r"(…|\btest_\w+\.py)::(test_\w+)")
 _BLOCK = re.compile(r"(?<=^\n)(?:^ {4}.*\n)+", re.MULTILINE)
 
 
@@ -91,6 +92,17 @@ def links(page: str) -> list[str]:
     """What a page links to within the checkout, without the heading."""
     targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", _FENCE.sub("", _read(page)))
     return [target for target in targets if "://" not in target]
+
+
+def named_tests() -> list[Documented]:
+    """The tests that pages name as `file::test`, a file once for several: `…::test` is of the one before."""
+    found = []
+    for page in PAGES:
+        file = ""
+        for told, test in _TEST.findall(_read(page)):
+            file = file if told == "…" else told
+            found.append(Documented(page, f"{file}::{test}"))
+    return found
 
 
 def _read(page: str) -> str:
