@@ -128,7 +128,9 @@ stopped("scipy.sparse", lambda: vs.export(vs.Volume(values, spacing=(1, 1, 1)), 
 """
 
 
-@pytest.mark.parametrize(("script", "made"), [(PICTURE, "(2, 3, 4)"), (MESH, "44 triangles at 128")], ids=["torch", "trimesh"])
+@pytest.mark.parametrize(
+    ("script", "made"), [(PICTURE, "(2, 3, 4)"), (MESH, "44 triangles at 128")], ids=["torch", "trimesh"]
+)
 def test_what_is_stopped_amid_its_library_leaves_it_fit_for_the_next(script: str, made: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", STOPS + script], cwd=tmp_path, capture_output=True, encoding="utf-8", timeout=PATIENCE
