@@ -356,6 +356,7 @@ class Coordinator:
         """Have every server that is to hold a part of the volume link to the splat servers, and the volume read."""
         told = self.holding.described(message, event.payload)
         boxes = self.holding.boxes
+        self.servers.workers = [*boxes]
         return [*self.routes.invite(boxes), *self.routes.connect(boxes), *told]
 
     @takes(ConnectedToSplatServers)

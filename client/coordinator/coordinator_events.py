@@ -223,7 +223,7 @@ class ReportProgress:
 
 @dataclass(frozen=True)
 class ReportLoss:
-    """Tell the person, to stay, that a server is not there, and who does its work."""
+    """Tell the person, to stay, that a server is not there, or has no part, and who does its work."""
 
     text: str
 

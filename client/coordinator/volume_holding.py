@@ -11,6 +11,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
     PublishVolume,
+    ReportLoss,
     ReportProgress,
     Send,
 )
@@ -291,19 +292,29 @@ class VolumeHolding:
             self._levels.refused(kept=bool(held.assignment))
 
     def described(self, message: VolumeDescribed, payload: memoryview) -> list[Instruction]:
-        """Divide the volume among the servers. Raises BadInput if it has too few voxels for so many."""
+        """Divide the volume among the servers, or as many of them as it has voxels."""
         self._survey = VolumeSurvey(message, payload)
         self._divide(message.description)
+        told = self._spare()
         prepared = self._known.prepared
         if prepared is None:
-            return self._read_sub_cubes()
+            return [*told, *self._read_sub_cubes()]
         choice = LevelChoice(prepared.levels, self.boxes, self._memory)
         self._levels = StoredLevels(message.description.name, prepared.quantisation, choice)
-        return self._surveyed()
+        return [*told, *self._surveyed()]
+
+    def _spare(self) -> list[Instruction]:
+        """Let go of those for whom no voxel was left."""
+        asked, voxels = len(self._memory), self._known.description.geometry.box.voxels
+        self._memory = {worker: self._memory[worker] for worker in self.boxes}
+        if len(self.boxes) == asked:
+            return []
+        few = f"the volume has fewer voxels ({voxels}) than there are map/shade servers ({asked})"
+        return [ReportLoss(f"{few}; those that are left over hold nothing")]
 
     def _divide(self, description: VolumeDescription) -> None:
         boxes = divided(description.geometry, len(self._memory), description.chunk)
-        self.boxes = {worker: [box] for worker, box in zip(self._memory, boxes, strict=True)}
+        self.boxes = {worker: [box] for worker, box in zip(self._memory, boxes, strict=False)}
 
     def _open_packets(
         self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, list[Box]] | None = None

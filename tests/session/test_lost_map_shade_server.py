@@ -8,6 +8,7 @@ from itertools import groupby
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import psutil
 import pytest
 import torch
@@ -19,7 +20,7 @@ from volsplat.client import Session
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.renderer import Refinement, finished_whole
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Bounds, Scene, Step
+from volsplat.protocol.description.scene import Bounds, Image, Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS
@@ -160,6 +161,18 @@ def test_two_losses_and_the_third_server_draws_all(
         watched.kill()
         check_whole(session, single, scene)
         assert sum(server.lost for server in session.servers) == 2
+
+
+def test_servers_for_whom_no_voxel_is_left_hold_nothing_and_take_over(tmp_path: Path) -> None:
+    few, watched = tmp_path / "few.npy", Watched()
+    np.save(few, np.array([[[40, 200]]], "u1"))
+    with SingleProcess(few) as single, opened(few, watched, workers=3) as session:
+        scene = msgspec.structs.replace(session.default_scene(), image=Image(width=16, height=16))
+        check_whole(session, single, scene)
+        assert sorted(server.voxels for server in session.servers) == [0, 0, 1, 1]
+        watched.kill()
+        watched.kill()
+        check_whole(session, single, scene)
 
 
 def test_what_nobody_else_can_read_is_missing_and_a_script_is_told(

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from volsplat.protocol.description.volume import MOST_VOXELS, Box, Geometry, Index
-from volsplat.protocol.text.errors import BadInput
 
 MOST_READ_TWICE = 0.25  # of a box that is cut; along another axis nothing may have to be
 ALMOST = 1 - 1e-6  # edges count as equal within it: spacings of turned volumes are rounded
@@ -32,12 +31,14 @@ class Even:
 
 
 def divided(geometry: Geometry, parts: int, chunk: Index = (1, 1, 1)) -> list[Box]:
-    """`parts` boxes that partition the grid, as equal as whole voxels allow. Raises BadInput as below."""
-    return divided_by_work(geometry, [Share()] * parts, chunk, Even())
+    """So many boxes that partition the grid, or as many as it has voxels, as equal as these allow."""
+    return divided_box(geometry, geometry.box, parts, chunk)
 
 
 def divided_by_work(geometry: Geometry, shares: Sequence[Share], chunk: Index, work: Work) -> list[Box]:
     """A box for each share, which partition the grid: the longest edge is cut, over and over, where the work is shared.
+
+    There may be no more shares than voxels.
 
     "Longest" is physical, so that the boxes stay compact on the screen, and that of boxes of equal volume: whatever the
     work is the same axes are cut, so that other work moves cuts, and little changes hands. Of equal edges k is the last
@@ -45,10 +46,7 @@ def divided_by_work(geometry: Geometry, shares: Sequence[Share], chunk: Index, w
     left whole. An edge is left alone, while there are others, where much on both sides of the cut would be read twice,
     since only `chunk` voxels along i, j, k come together from the file: its rows for one that is raw, which are not cut
     across. Nobody gets more voxels than fit, where those on both sides of a cut have room for theirs.
-    Raises BadInput where the volume has fewer voxels than there are shares.
     """
-    if len(shares) > geometry.box.voxels:
-        raise BadInput(f"{len(shares)} map/shade servers cannot share {geometry.box.voxels} voxels; start fewer")
     return _Division(geometry, chunk, work).split(geometry.box, geometry.box, shares)
 
 
