@@ -30,6 +30,7 @@ from support.patience import PATIENCE
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import WINDOW, Damaged, TooMuch, inflated
 from volsplat.mapshade_server.readers.reading.codestream_size import codestream_size
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 CHILD = ROOT / "tests/support/files/unpacking_child.py"
@@ -119,6 +120,38 @@ def hdf5_scale(folder: Path) -> Path:
         x.make_scale("x")
         made.dims[2].attach_scale(x)
     return path
+
+
+def virtual(folder: Path, source: str = "v.h5", path: str = "v", to: str = "w.h5") -> Path:
+    """Voxels that lie in another file, whose first chunk is a bomb."""
+    hdf5(folder, False, False)
+    layout = h5py.VirtualLayout((16, 16, 16), np.uint8)
+    layout[...] = h5py.VirtualSource(source, path, (16, 16, 16))
+    with h5py.File(folder / to, "w", libver="latest") as file:
+        file.create_virtual_dataset("w", layout)
+    return folder / to
+
+
+def virtual_of_virtual(folder: Path) -> Path:
+    virtual(folder)
+    return virtual(folder, "w.h5", "w", "x.h5")
+
+
+def virtual_of_numbered(folder: Path) -> Path:
+    """Of files that are numbered from 0 on, of which the second one has a bomb."""
+    (folder / "0.h5").write_bytes(hdf5(folder, False, False).read_bytes())
+    with h5py.File(folder / "0.h5", "r+") as file:
+        file["v"][:8] = 1
+    (folder / "v.h5").rename(folder / "1.h5")
+    dims, most = (32, 16, 16), (h5py.h5s.UNLIMITED, 16, 16)
+    space = h5py.h5s.create_simple(dims, most)
+    space.select_hyperslab((0, 0, 0), (h5py.h5s.UNLIMITED, 1, 1), (16, 1, 1), (16, 16, 16))
+    creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    creation.set_virtual(space, b"%b.h5", b"v", h5py.h5s.create_simple((16, 16, 16)))
+    with h5py.File(folder / "w.h5", "w", libver="latest") as file:
+        extent = h5py.h5s.create_simple(dims, most)
+        h5py.h5d.create(file.id, b"w", h5py.h5t.NATIVE_UINT8, extent, creation)
+    return folder / "w.h5"
 
 
 def zarr_coordinates(folder: Path) -> Path:
@@ -256,6 +289,10 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda folder: deflated_first(folder, lambda one: one.set_filter(h5py.h5z.FILTER_LZF), deflated(15)),
         "then packed by filter 32000, so that nothing bounds it",
     ),
+    "HDF5, virtual": (virtual, "unpacks to more than"),
+    "HDF5, virtual of virtual": (virtual_of_virtual, "unpacks to more than"),
+    "HDF5, virtual of numbered files": (virtual_of_numbered, "unpacks to more than"),
+    "HDF5, virtual of itself": (lambda folder: virtual(folder, ".", "w"), "take theirs from others, without end"),
     "HDF5, coordinates": (hdf5_scale, "unpacks to more than"),
     "HDF5, chunks beyond the whole": (hdf5_of_great_chunks, "is stored in chunks of 536870912 bytes"),
     "TIFF, deflated": (lambda folder: tiff(folder, deflated(15), "zlib"), "unpacks to more than"),
@@ -288,6 +325,21 @@ def test_bombs_are_refused_in_one_line_and_in_little_memory(tmp_path: Path) -> N
     for (name, (_, cause)), volume, line in zip(BOMBS.items(), volumes, lines, strict=True):
         assert line.startswith(f"refused: {volume}") and cause in line, (name, line)
     assert more < MOST_MORE
+
+
+def test_what_a_virtual_dataset_takes_from_elsewhere_is_bounded_by_itself_alone(tmp_path: Path) -> None:
+    """Chunks that nothing wanted lies in are left alone, and so is a bomb among them."""
+    hdf5(tmp_path, False, False)
+    layout = h5py.VirtualLayout((12, 16, 1, 16), np.uint8)
+    layout[:, :8, 0] = h5py.VirtualSource(tmp_path / "v.h5", "v", (16, 16, 16))[4:, 8:]
+    layout[:, 8:, 0] = h5py.VirtualSource(tmp_path / "v.h5", "v", (16, 16, 16))[4:, :8]
+    with h5py.File(tmp_path / "w.h5", "w", libver="latest") as file:
+        file.create_virtual_dataset("w", layout)
+    volume = open_volume(f"{tmp_path / 'w.h5'}#axis2=0")
+    assert np.array_equal(volume.read(Box((0, 0, 0), (16, 8, 12))), VALUES[4:, 8:])
+    assert np.array_equal(volume.read(Box((0, 8, 4), (16, 16, 12))), VALUES[8:, :8])
+    with pytest.raises(BadInput, match="unpacks to more than"):
+        volume.read(Box((0, 8, 0), (16, 9, 12)))
 
 
 def test_bombs_in_tiff_for_imagecodecs_are_refused_too(tmp_path: Path) -> None:

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
-from volsplat.mapshade_server.readers.reading.bounded_unpacking import inflated
+from volsplat.mapshade_server.readers.arrays.hdf5_names import MOST_HOPS
+from volsplat.mapshade_server.readers.arrays.hdf5_sources import sources
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise, inflated
 
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # HDF5's numbers of filters
 CHECKSUM_BYTES = 4
@@ -32,25 +34,47 @@ class _Filter(NamedTuple):
 def read_selection(dataset: Any, selection: Selection) -> NDArray[Any]:
     """What the selection has of the dataset, as h5py reads it. Raises ValueError for too much, and what h5py raises."""
     filters = _filters(dataset)
+    if DEFLATE in {one.number for one in filters} <= {DEFLATE, SHUFFLE} and _is_stored_plainly(dataset):
+        return _unpacked(dataset, selection, filters)
+    _check_bounded(dataset, _ranges(dataset, selection), dataset.nbytes, MOST_HOPS)
+    values: NDArray[Any] = dataset[tuple(selection)]
+    return values
+
+
+def _check_bounded(dataset: Any, wanted: Sequence[range], whole_bytes: int, hops: int) -> None:
+    """Raises ValueError, or BadInput, if HDF5 would unpack more than is promised to read this part."""
+    if dataset.is_virtual:
+        if not hops:
+            raise ValueError("it takes its values from virtual datasets that take theirs from others, without end")
+        for source, part in sources(dataset, wanted):
+            check_chunks(source.file.filename, source, whole_bytes)
+            _check_bounded(source, part, whole_bytes, hops - 1)
+        return
+    filters = _filters(dataset)
     numbers = [one.number for one in filters]
-    if DEFLATE not in numbers or not dataset.chunks:
-        values: NDArray[Any] = dataset[tuple(selection)]
-        return values
+    if DEFLATE not in numbers:
+        return
     deflated = numbers.index(DEFLATE)
     if unknown := set(numbers[deflated:]) - {DEFLATE, SHUFFLE, FLETCHER32}:
         raise ValueError(
             f"it is deflated and then packed by filter {min(unknown)}, so that nothing bounds it; use h5repack"
         )
-    whole = math.prod(dataset.chunks) * dataset.id.get_type().get_size()
-    most = whole + (whole >> 10) + SLACK
-    if {*numbers} <= {DEFLATE, SHUFFLE} and _is_stored_plainly(dataset):
-        return _unpacked(dataset, selection, filters, most)
     chunks = _PackedChunks(dataset)
-    for offsets in _touched(dataset, selection):  # to be unpacked once more by HDF5, through all of its filters
+    for offsets in _touched(dataset, wanted):  # to be unpacked once more by HDF5, through all of its filters
         if (found := chunks.at(offsets)) is not None:
-            _through(*found, filters, deflated, most)
-    checked: NDArray[Any] = dataset[tuple(selection)]
-    return checked
+            _through(*found, filters, deflated, _most(dataset))
+
+
+def check_chunks(source: str, dataset: Any, whole_bytes: int) -> None:
+    """Raises BadInput if its chunks are promised to be far more than the whole."""
+    if dataset.chunks:
+        check_promise(source, math.prod(dataset.chunks) * dataset.dtype.itemsize, whole_bytes)
+
+
+def _most(dataset: Any) -> int:
+    """Bytes that a chunk may become."""
+    whole = math.prod(dataset.chunks) * dataset.id.get_type().get_size()
+    return int(whole + (whole >> 10) + SLACK)
 
 
 def _filters(dataset: Any) -> list[_Filter]:
@@ -72,12 +96,9 @@ def _ranges(dataset: Any, selection: Selection) -> list[range]:
     ]
 
 
-def _touched(dataset: Any, selection: Selection) -> Iterator[tuple[int, ...]]:
-    """Where the chunks begin that share voxels with the selection."""
-    axes = [
-        range(wanted.start // size * size, wanted.stop, size)
-        for wanted, size in zip(_ranges(dataset, selection), dataset.chunks, strict=True)
-    ]
+def _touched(dataset: Any, wanted: Sequence[range]) -> Iterator[tuple[int, ...]]:
+    """Where the chunks begin that share voxels with what is wanted."""
+    axes = [range(one.start // size * size, one.stop, size) for one, size in zip(wanted, dataset.chunks, strict=True)]
     yield from product(*axes)
 
 
@@ -105,10 +126,11 @@ class _PackedChunks:
         return frozenset(found)
 
 
-def _unpacked(dataset: Any, selection: Selection, filters: list[_Filter], most: int) -> NDArray[Any]:
+def _unpacked(dataset: Any, selection: Selection, filters: list[_Filter]) -> NDArray[Any]:
+    most = _most(dataset)
     wanted, chunks = _ranges(dataset, selection), _PackedChunks(dataset)
     values = np.full([len(each) for each in wanted], dataset.fillvalue, dataset.dtype)
-    for offsets in _touched(dataset, selection):
+    for offsets in _touched(dataset, wanted):
         found = chunks.at(offsets)
         if found is None:
             continue

@@ -4,7 +4,6 @@ The grid's spacing comes from the axes' dimension scales, which are NetCDF's coo
 or from element_size_um, which Fiji and ilastik write; the values' meaning from the CF conventions.
 """
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,7 +28,7 @@ from volsplat.mapshade_server.readers.arrays.array_volume import (
     shown,
 )
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of, warnings_of
-from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
+from volsplat.mapshade_server.readers.arrays.hdf5_chunks import check_chunks, read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.arrays.hdf5_names import (
@@ -43,7 +42,6 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     refuse_outside,
     sources_without,
 )
-from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.natural_order import natural_order
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
@@ -234,15 +232,10 @@ def _check_readable(part: ArrayPart, dataset: Any) -> None:
                 f"{part.whole}: is compressed by HDF5's filter {number} ({filter_name}), which is not installed; "
                 f"convert it, as in h5repack -f GZIP=4 {Path(part.place).name} NEW.h5"
             )
-    _check_chunks(part.whole, dataset)
+    check_chunks(part.whole, dataset, dataset.nbytes)
     check_files_beside(dataset)
     if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
-
-
-def _check_chunks(source: str, dataset: Any) -> None:
-    if dataset.chunks:
-        check_promise(source, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
 
 
 def _told_missing(dataset: Any) -> list[str]:
@@ -325,7 +318,7 @@ def _variable(length: int, name: str, variable: Any) -> Coordinates:
 
 def _numbers(length: int, variable: Any) -> NDArray[Any]:
     """The coordinates in a variable, one for each index."""
-    _check_chunks(variable.name, variable)
+    check_chunks(variable.name, variable, variable.nbytes)
     numbers = read_selection(variable, (slice(None),))
     return numbers if len(numbers) == length else (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
 

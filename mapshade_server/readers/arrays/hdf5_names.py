@@ -32,7 +32,7 @@ def _meant(name: str) -> str:
 def check_files_beside(dataset: Any) -> None:
     """Raises BadInput if a file that holds its voxels is a FIFO, which HDF5 would wait for."""
     for name in files_beside(dataset):
-        if (place := _found(Path(dataset.file.filename), name)) is not None:
+        if (place := found_beside(Path(dataset.file.filename), name)) is not None:
             check_is_file(place)
 
 
@@ -53,7 +53,7 @@ def sources_without(dataset: Any) -> list[str]:
 
 def _holds(own: Path, name: str, paths: set[str]) -> bool:
     """Whether a file that another one names has something at all of these paths."""
-    place = own if name == SAME_FILE else _found(own, name)
+    place = own if name == SAME_FILE else found_beside(own, name)
     if place is None or not h5py().is_hdf5(place):
         return False
     try:
@@ -65,7 +65,7 @@ def _holds(own: Path, name: str, paths: set[str]) -> bool:
         return False
 
 
-def _found(own: Path, name: str) -> Path | None:
+def found_beside(own: Path, name: str) -> Path | None:
     """The file that another one names, where HDF5 finds it; held to a folder, only where it may look."""
     given = Path(name)
     places = [own.parent / given]  # absolute ones as they are
@@ -107,7 +107,7 @@ def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> None:
 
 
 def _check_way_out(group: Any, link: Any, rest: str, hops: int) -> None:
-    if (place := _found(Path(group.file.filename), link.filename)) is None:
+    if (place := found_beside(Path(group.file.filename), link.filename)) is None:
         return
     check_is_file(place)
     if hops and h5py().is_hdf5(place):
