@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from volsplat.client.image.lettering import BOLD_FONT, FONT, canvas_of, extent, pixels_of, write
 
 LARGEST_SIDE = 640  # pixels of a picture in the sheet; larger ones are reduced
-LEAST_WIDTH = 240  # of a cell, so that its caption fits
+LEAST_WIDTH = 320  # of a cell, so that what is written below a picture fits beside its legend
 PAPER = 0.09  # grey of the sheet
 INK, FAINT_INK = 0.95, 0.62
 

@@ -10,14 +10,24 @@ import msgspec
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from support.files.images import read_image
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.gallery.drawing import Drawn, draw_gallery, gallery_folder, label, plate_sheet, sized
-from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path, step_of
+from volsplat.client.gallery.plates import (
+    IMAGES,
+    PLATES,
+    SCENES,
+    STRUCTURE_FACTORS,
+    DataSet,
+    PlateImage,
+    scene_path,
+    step_of,
+)
 from volsplat.client.image.image_file import read_properties, read_scene
-from volsplat.client.image.picture_sheet import PAPER
+from volsplat.client.image.picture_sheet import PAPER, SheetPicture, picture_sheet
 from volsplat.client.phantoms import PHANTOMS, make_phantom, streamed_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import read_scene_file
@@ -167,6 +177,23 @@ def test_a_plate_says_below_each_image_what_it_was_made_of() -> None:
     assert labelled.shape[0] > plain.shape[0]
     strips = labelled[300 + 60 :][: labelled.shape[0] - plain.shape[0] + 24]
     assert strips.max() > 2 * PAPER
+
+
+@pytest.mark.parametrize(("image", "measured"), KINDS, ids=lambda kind: getattr(kind, "name", str(kind)))
+def test_words_below_a_small_image_leave_its_legend_and_its_neighbour_alone(image: PlateImage, measured: bool) -> None:
+    grey, sides = 0.5, []
+
+    def legend(side: int, paper: float) -> NDArray[np.float32]:
+        sides.append(side)
+        return np.full((side, side, 3), grey, np.float32)
+
+    picture = np.full((64, 64, 3), PAPER, np.float32)
+    note = label(image.data, measured, (100, 100, 100)) + ", step G"
+    explained = image.data is STRUCTURE_FACTORS
+    shown = SheetPicture(picture, image.mark, image.caption, note=note, legend=legend if explained else None)
+    sheet = picture_sheet([shown, SheetPicture(picture, "", "")], columns=2)
+    assert (sheet == np.float32(grey)).all(axis=2).sum() == sum(side**2 for side in sides)
+    assert (sheet[:, sheet.shape[1] // 2 :] == np.float32(PAPER)).all()
 
 
 @pytest.mark.parametrize("measured", [False, True])
