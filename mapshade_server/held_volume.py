@@ -4,7 +4,8 @@ Takes the client's requests about the volume and gives the answers; knows no con
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -20,7 +21,15 @@ from volsplat.mapshade_server.answers.volume_answers import (
 from volsplat.mapshade_server.answers.voxel_answers import OfVoxels
 from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
-from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
+from volsplat.mapshade_server.held.memory_budget import (
+    LIST_BYTES,
+    NEEDED,
+    MemoryBudget,
+    bytes_to_change,
+    bytes_to_lend,
+    bytes_to_read,
+    bytes_to_walk_slabs,
+)
 from volsplat.mapshade_server.held.packet_store import is_store
 from volsplat.mapshade_server.held.passed_box import PassedBox
 from volsplat.mapshade_server.held.sheet_reader import sheet_reader
@@ -122,6 +131,22 @@ class HeldVolume:
     @property
     def packed_bytes(self) -> int:
         return sum(4 * cube.box.voxels for cubes in self._levels.values() for cube in cubes)
+
+    @contextmanager
+    def room_to_walk(self, drawing: Drawing, sub_cubes: Sequence[SubCube]) -> Iterator[None]:
+        """While a frame of these is walked. Raises NoRoom if there is none for the voxels that step G keeps of them."""
+        new = [cube.box for cube in sub_cubes if not cube.walked_for_slabs]
+        if drawing.plan.slabs is None or not new:
+            yield
+            return
+        kept = bytes_to_walk_slabs(cube.box for cube in sub_cubes if cube.walked_for_slabs)
+        lists = sum(int(LIST_BYTES * cube.box.voxels) for cube in sub_cubes)
+        budget = replace(self._budget, limit=None) if self._of.store else self._budget
+        budget.take(bytes_to_walk_slabs(new), self.packed_bytes + lists + kept, let_go=0, use=NEEDED)
+        try:
+            yield
+        finally:
+            budget.taken()
 
     def check(self, assignment: int, what: str) -> None:
         """Raises BadInput unless `what` can be made from what is held."""

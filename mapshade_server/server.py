@@ -248,18 +248,19 @@ class MapShadeServer:
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         walkers = request.workers[self._client.id]
         closed_tiles = self._links.begin_frame(request.frame, request.drawing.plan, walkers if request.paced else 0)
-        walk = FrameWalk(sub_cubes, request.drawing, closed_tiles, request.regions, walkers)
-        planned = time.perf_counter()
-        delivery = FrameDelivery(
-            request.frame,
-            self._client.id,
-            walk,
-            request.regions,
-            self._links.of_servers,
-            self._newest,
-            spans,
-        )
-        tally = self._delivered(delivery)
+        with self._held.room_to_walk(request.drawing, sub_cubes):
+            walk = FrameWalk(sub_cubes, request.drawing, closed_tiles, request.regions, walkers)
+            planned = time.perf_counter()
+            delivery = FrameDelivery(
+                request.frame,
+                self._client.id,
+                walk,
+                request.regions,
+                self._links.of_servers,
+                self._newest,
+                spans,
+            )
+            tally = self._delivered(delivery)
         if self._newest.number <= request.frame:
             self._note_frame(spans, came, started, planned)
             stats = replace(tally, planning_seconds=planned - started).stats()

@@ -271,7 +271,8 @@ class SingleProcess(Renderer):
             assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
         self._say(f"step {step}")
         sub_cubes = self._held.sub_cubes_asked(request)
-        walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=None)
+        with self._held.room_to_walk(request.drawing, sub_cubes):
+            walk = FrameWalk(sub_cubes, request.drawing, assembly.closed_tiles, request.regions, walkers=None)
         assembly.begin(request.regions, 0, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return _Begun(step, request, assembly, at=began, planned=time.perf_counter())
 

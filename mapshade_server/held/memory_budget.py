@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from volsplat.mapshade_server.held.memory_promises import MemoryPromises
 from volsplat.program.machine_limits import available_memory
@@ -12,6 +13,18 @@ from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import NoRoom
 
 LIST_BYTES = VOXEL_PACKET_BYTES * LISTS_PER_PACKET  # that a walk keeps of a voxel
+NEEDED_BYTES, NEEDED_ROW_BYTES = 4, 16  # that one of step G keeps beside: see kernels/slabs/needed_rows.h
+
+
+class Use(NamedTuple):
+    """What memory is for, and what to do if there is none."""
+
+    what: str
+    cure: str
+
+
+SUB_CUBE = Use("the sub-cube", "use more machines, or prepare the volume (volsplat prepare)")
+NEEDED = Use("the voxels that step G keeps of the sub-cube", "use more machines, or draw step F")
 
 
 @dataclass(frozen=True)
@@ -24,18 +37,18 @@ class MemoryBudget:
     limit: int | None = None
     promises: MemoryPromises | None = None
 
-    def take(self, needed: int, held: int, let_go: int) -> None:
+    def take(self, needed: int, held: int, let_go: int, use: Use = SUB_CUBE) -> None:
         """Before so much is taken, once `let_go` of the bytes that are `held` are free: have others leave it alone.
 
         Until it has been taken, and `taken` is called. Raises NoRoom unless there is room.
         """
         if self.limit is not None and needed > self.limit - (held - let_go):
-            raise _no_room(needed, f"--memory leaves {bytes_text(self.limit - (held - let_go))}")
+            raise _no_room(use, needed, f"--memory leaves {bytes_text(self.limit - (held - let_go))}")
 
         def has_room(promised: int) -> None:
             if needed > (left := available_memory() + let_go - promised):
                 others = ", besides what its other servers are about to take" if promised else ""
-                raise _no_room(needed, f"its machine has {bytes_text(left)} left{others}")
+                raise _no_room(use, needed, f"its machine has {bytes_text(left)} left{others}")
 
         if self.promises is None:
             has_room(0)
@@ -66,6 +79,11 @@ def bytes_to_change(description: VolumeDescription, boxes: Iterable[Box], held: 
     return VOXEL_PACKET_BYTES * sum(box.voxels for box in new) + max(reading, lists)
 
 
+def bytes_to_walk_slabs(boxes: Iterable[Box]) -> int:
+    """Likewise, beside what `bytes_to_read` counts, if all voxels are needed, in rows along whichever axis."""
+    return sum(NEEDED_BYTES * box.voxels + NEEDED_ROW_BYTES * box.voxels // min(box.size) for box in boxes)
+
+
 def bytes_to_lend(description: VolumeDescription) -> int:
     """For a volume that only comes whole."""
     return _source_bytes(description, description.geometry.box)
@@ -77,8 +95,5 @@ def _source_bytes(description: VolumeDescription, box: Box) -> int:
     return SCALAR_BYTES[description.scalar_type] * voxels
 
 
-def _no_room(needed: int, room: str) -> NoRoom:
-    return NoRoom(
-        f"no memory for the sub-cube: it needs {bytes_text(needed)}, but {room}; "
-        "use more machines, or prepare the volume (volsplat prepare)"
-    )
+def _no_room(use: Use, needed: int, room: str) -> NoRoom:
+    return NoRoom(f"no memory for {use.what}: it needs {bytes_text(needed)}, but {room}; {use.cure}")

@@ -145,6 +145,11 @@ class SubCube:
         return self._classified_rows
 
     @property
+    def walked_for_slabs(self) -> bool:
+        """Whether a walk of slabs has begun to keep its voxels."""
+        return self._needed_voxels is not None
+
+    @property
     def needed_voxels(self) -> _kernels.NeededVoxels:
         """What a walk of slabs keeps for the next one: which voxels it takes. Raises ValueError for long sub-cubes."""
         if self._needed_voxels is None:

@@ -16,7 +16,7 @@ from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.protocol.description.scene import Image
+from volsplat.protocol.description.scene import Image, Step
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput
@@ -42,6 +42,31 @@ held.answers(messages.PackVoxels(assignment=1, quantisation=quantisation))
 print(bytes_to_read(described.description, [box]), peak_memory() - before)
 """
 
+OF_SLABS = f"""
+import numpy as np
+import psutil
+from volsplat.client.scene.presets import preset_scene
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.memory_budget import bytes_to_walk_slabs
+from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages.drawing import Drawing
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import own_resolution
+
+dims, quantisation = ({SIDE},) * 3, Quantisation((0.0, 255.0), 100.0)
+geometry = Geometry(dims)
+solid = SubCube.of_volume(geometry, np.random.default_rng(1).integers(100, 200, dims, "u1"))
+solid.pack(quantisation)
+drawing = Drawing.planned(preset_scene("ct-skin"), Step.G, geometry, quantisation, own_resolution(geometry, Step.G))
+before = psutil.Process().memory_info().rss
+(walker,) = FrameWalk([solid], drawing).walkers
+while walker.next_batch() is not None:
+    pass
+print(bytes_to_walk_slabs([geometry.box]), psutil.Process().memory_info().rss - before)
+"""
+
 
 def stored(folder: Path, scalar_type: str, side: int = SIDE) -> Path:
     path = folder / f"{scalar_type}.npy"
@@ -51,7 +76,15 @@ def stored(folder: Path, scalar_type: str, side: int = SIDE) -> Path:
 
 @pytest.mark.parametrize("scalar_type", ["int16", "float32"])
 def test_what_is_reckoned_is_what_is_taken(tmp_path: Path, scalar_type: str) -> None:
-    command = [sys.executable, "-c", PEAK, str(stored(tmp_path, scalar_type))]
+    check_reckoned(PEAK, str(stored(tmp_path, scalar_type)))
+
+
+def test_what_is_reckoned_for_step_g_is_what_it_keeps_of_a_solid() -> None:
+    check_reckoned(OF_SLABS)
+
+
+def check_reckoned(program: str, *arguments: str) -> None:
+    command = [sys.executable, "-c", program, *arguments]
     told = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True).stdout
     reckoned, taken = map(int, told.split())
     assert abs(taken - reckoned) < TOLERANCE * reckoned
@@ -86,6 +119,21 @@ def test_others_that_have_room_hold_what_one_has_no_room_for(tmp_path: Path) -> 
         (lost,) = [server for server in session.servers if server.lost]
         assert "no memory for the sub-cube" in lost.cause and lost.cause.startswith("map/shade server")
         assert sum(server.voxels for server in session.servers if not server.lost) == 40**3
+
+
+def test_step_g_is_refused_where_there_is_no_room_for_the_voxels_that_it_keeps(tmp_path: Path) -> None:
+    """Before it is drawn; and the session goes on."""
+    path = stored(tmp_path, "int16", side=40)
+    with opened(path, ["500K"]) as session, SingleProcess(path) as single:
+        scene = msgspec.structs.replace(session.default_scene(), image=Image(width=64, height=64))
+        told = r"no memory for the voxels that step G keeps of the sub-cube: it needs 0\.3 MiB, but --memory leaves"
+        for _ in range(2):
+            with pytest.raises(BadInput, match=told):
+                session.render(scene, Step.G)
+            assert torch.equal(session.render(scene), single.render(scene))
+    with opened(path, ["900K"]) as session, SingleProcess(path) as single:
+        for _ in range(2):
+            assert torch.equal(session.render(scene, Step.G), single.render(scene, Step.G))
 
 
 def test_where_the_machine_has_too_little_left_nothing_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
