@@ -31,7 +31,7 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.controls.text_field import shown_number
 from volsplat.client.ui.panels.light_controls import screen_direction
 from volsplat.protocol.description.scene import Bounds, Field, FinestStep, Kernel, Order, Scene, Step
-from volsplat.protocol.description.scene_keys import TABLE_WORDS
+from volsplat.protocol.description.scene_keys import KEYS, TABLE_WORDS
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -414,6 +414,18 @@ def test_striding_is_switched_where_a_volume_has_levels_and_follows_another_tab(
 def test_a_volume_without_levels_has_no_switch_for_striding(tab: Tab) -> None:
     assert tab.page.get_by_role("switch", name="bare buffer").count() == 1
     assert tab.page.get_by_role("switch", name="striding").count() == 0
+
+
+def test_a_volume_without_step_g_has_no_controls_of_slabs(tab: Tab, browser_page: Page, tmp_path: Path) -> None:
+    header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: raw\nvolsplat.kind:=labels\n\n"
+    (tmp_path / "labels.nrrd").write_bytes(header.encode() + bytes(range(4)) * 16)
+    alone = ["cast shadows", "occlusion", "depth cue", "silhouettes", "slab", "slab kernel"]
+    assert len(alone) == sum(key.told.slabs_alone for key in KEYS.values())
+    with served(tmp_path / "labels.nrrd") as (address, _):
+        without = Tab(browser_page, address).load()
+        for label in alone:
+            assert tab.field(label).count() >= 1 and without.field(label).count() == 0, label
+        assert without.field("kernel").count() == 1
 
 
 def test_the_code_of_directions_is_chosen(tab: Tab) -> None:

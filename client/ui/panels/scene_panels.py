@@ -95,8 +95,10 @@ def _group_of(key: SceneKey) -> str:
 
 
 def _has_effect(key: SceneKey, viewing: Viewing) -> bool:
-    """Whether the volume has what the key is about."""
+    """Whether the volume has what the key is about. Why it has no slabs stands at the button of step G."""
     prepared = viewing.volume.prepared
+    if key.told.slabs_alone:
+        return viewing.volume.has(Step.G)
     return key.place != "refine.striding" or (prepared is not None and len(prepared.levels) > 1)
 
 
