@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import h5py
 import msgspec
 import numpy as np
 import pytest
@@ -297,6 +298,58 @@ def test_files_beside_a_header_belong_to_the_volume(tmp_path: Path) -> None:
     change_a_byte(tmp_path / "head.raw", 100)
     _, after = identified_volume(str(tmp_path / "head.nhdr"))
     assert after.difference(before) == "its contents differ"
+
+
+def raw_with_words_beside(folder: Path, value: int) -> str:
+    """The value is in the words, which say how the numbers are to be read."""
+    (folder / "head.raw").write_bytes(np.arange(6 * 7 * 8, dtype=np.int16).tobytes())
+    (folder / "head.raw.toml").write_text(f'dims = [8, 7, 6]\ntype = "int16"\nendian = "{("big", "little")[value]}"\n')
+    return str(folder / "head.raw")
+
+
+def voxels_behind(folder: Path, value: int) -> None:
+    with h5py.File(folder / "data.h5", "w") as file:
+        file["voxels"] = np.full((6, 7, 8), value, np.int16)
+
+
+def linked_hdf5(folder: Path, value: int) -> str:
+    voxels_behind(folder, value)
+    if not (folder / "master.h5").exists():
+        with h5py.File(folder / "master.h5", "w") as file:
+            file["entry"] = h5py.ExternalLink("data.h5", "/voxels")
+    return f"{folder / 'master.h5'}#/entry"
+
+
+def virtual_hdf5(folder: Path, value: int) -> str:
+    """Through a virtual dataset of a second file."""
+    voxels_behind(folder, value)
+    for name, of, path in (("between.h5", "data.h5", "voxels"), ("master.h5", "between.h5", "entry")):
+        layout = h5py.VirtualLayout((6, 7, 8), np.int16)
+        layout[:] = h5py.VirtualSource(of, path, (6, 7, 8))
+        if not (folder / name).exists():
+            with h5py.File(folder / name, "w") as file:
+                file.create_virtual_dataset("entry", layout)
+    return f"{folder / 'master.h5'}#/entry"
+
+
+@pytest.mark.parametrize("write", [raw_with_words_beside, linked_hdf5, virtual_hdf5])
+def test_files_that_the_named_one_leads_to_belong_to_the_volume(
+    write: Callable[[Path, int], str], tmp_path: Path
+) -> None:
+    _, before = identified_volume(write(tmp_path, 0))
+    assert identified_volume(write(tmp_path, 0))[1].at_no_place().contents == before.contents
+    _, after = identified_volume(write(tmp_path, 1))
+    assert after.contents != before.contents
+
+
+def test_two_servers_to_which_the_same_numbers_are_told_to_be_others_are_refused(tmp_path: Path) -> None:
+    folders = [tmp_path / "here", tmp_path / "there"]
+    for value, folder in enumerate(folders):
+        folder.mkdir()
+        raw_with_words_beside(folder, value)
+    with joined_by_hand(folders, "head.raw") as session:
+        with pytest.raises(BadInput, match="give every server the same volume"):
+            session.volume  # noqa: B018
 
 
 def test_any_change_of_a_small_file_shows_even_at_another_place(here: Path, tmp_path: Path) -> None:

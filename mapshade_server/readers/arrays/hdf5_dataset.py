@@ -5,7 +5,7 @@ or from element_size_um, which Fiji and ilastik write; the values' meaning from 
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -42,9 +42,11 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     refuse_outside,
     sources_without,
 )
+from volsplat.mapshade_server.readers.arrays.hdf5_sources import value_files
 from volsplat.mapshade_server.readers.reading.natural_order import natural_order
 from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
+from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile, disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, no_room
 from volsplat.mapshade_server.readers.reading.vtk_ghosts import Ghosts, Reader
 from volsplat.protocol.description.volume import VolumeDescription
@@ -94,8 +96,15 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             warnings=[*_told_missing(dataset), *warnings_of(coordinates, grid)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
+            files=_files(path, [dataset]),
             parts=parts,
         )
+
+
+def _files(path: Path, datasets: Sequence[Any]) -> Callable[[], Sequence[VolumeFile]]:
+    """The file itself, and those that links and virtual datasets lead to."""
+    files = disk_files([path, *(place for dataset in datasets for place in value_files(dataset))])
+    return lambda: files
 
 
 def _picks(path: Path, name: str) -> Pick:
@@ -130,7 +139,8 @@ def _image(part: ArrayPart, image: Hdf5Image, file: Any) -> OpenedVolume:
         density_name=image.density_name,
         warnings=tuple(_told_missing(dataset)),
     )
-    return OpenedVolume(description, read, parts=image.parts)
+    datasets = [file[path] for path in (image.path, image.point_ghosts, image.cell_ghosts) if path]
+    return OpenedVolume(description, read, _files(Path(part.place), datasets), parts=image.parts)
 
 
 def _ghosts(part: ArrayPart, image: Hdf5Image, path: str) -> Reader | None:

@@ -1,4 +1,4 @@
-"""The datasets that a virtual one takes its values from, and which part of each a selection needs."""
+"""The datasets that a virtual one takes its values from, which part of each a selection needs, and in which files."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
-from volsplat.mapshade_server.readers.arrays.hdf5_names import SAME_FILE, check_way, found_beside
+from volsplat.mapshade_server.readers.arrays.hdf5_names import MOST_HOPS, SAME_FILE, check_way, found_beside
 
 
 class _Selected(NamedTuple):
@@ -22,21 +22,52 @@ def sources(dataset: Any, wanted: Sequence[range]) -> Iterator[tuple[Any, list[r
 
     Those that are not there are left out: HDF5 gives its fill value instead.
     """
-    own = Path(dataset.file.filename)
+    for source, into, name, path in _named(dataset, wanted):
+        for one in _opened(dataset, name, path):
+            yield one, _needed(_selected(source.src_space, one.shape), into, wanted)
+
+
+def value_files(dataset: Any) -> list[Path]:
+    """The files that hold its values, or lead to them through virtual datasets; that of the dataset first."""
+    found: dict[Path, None] = {}
+    seen: set[tuple[str, str]] = set()
+
+    def look(one: Any, hops: int) -> None:
+        own = Path(one.file.filename)
+        found[own] = None
+        found.update((place, None) for name, _, _ in one.external or () if (place := found_beside(own, name)))
+        if one.is_virtual and hops and (one.file.filename, one.name) not in seen:
+            seen.add((one.file.filename, one.name))
+            named = _named(one, [range(length) for length in one.shape])
+            for name, path in dict.fromkeys((name, path) for _, _, name, path in named):
+                for source in _opened(one, name, path):
+                    look(source, hops - 1)
+
+    look(dataset, MOST_HOPS)
+    return list(found)
+
+
+def _named(dataset: Any, wanted: Sequence[range]) -> Iterator[tuple[Any, _Selected | None, str, str]]:
+    """What a virtual dataset says of each source that may be needed, what it is put into, its file and path."""
     for source in dataset.virtual_sources():
         endless = _endless_axis(source.vspace)
         into = _selected(source.vspace, dataset.shape) if endless is None else None
         if into is not None and not all(map(_common, into.box, wanted)):
             continue
         for number in [0] if endless is None else _numbers(source.vspace, endless, wanted):
-            name, path = _numbered(source.file_name, number), _numbered(source.dset_name, number)
-            place = own if name == SAME_FILE else found_beside(own, name)
-            if place is None or not h5py().is_hdf5(place):
-                continue
-            with suppress(OSError), hdf5_file(place) as file:  # cut short, it has nothing
-                check_way(file, path)
-                if isinstance(one := file.get(path), h5py().Dataset):
-                    yield one, _needed(_selected(source.src_space, one.shape), into, wanted)
+            yield source, into, _numbered(source.file_name, number), _numbered(source.dset_name, number)
+
+
+def _opened(dataset: Any, name: str, path: str) -> Iterator[Any]:
+    """The dataset at a path of a file that a virtual one names, while it is looked at; none if it is not there."""
+    own = Path(dataset.file.filename)
+    place = own if name == SAME_FILE else found_beside(own, name)
+    if place is None or not h5py().is_hdf5(place):
+        return
+    with suppress(OSError), hdf5_file(place) as file:  # cut short, it has nothing
+        check_way(file, path)
+        if isinstance(one := file.get(path), h5py().Dataset):
+            yield one
 
 
 def _endless_axis(space: Any) -> int | None:

@@ -18,6 +18,7 @@ from volsplat.mapshade_server.readers.reading.headers_beside import header_namin
 from volsplat.mapshade_server.readers.reading.opened_file import opened
 from volsplat.mapshade_server.readers.reading.stored_voxels import BYTE_ORDERS, Piece, StoredVoxels, unpacked_size
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
+from volsplat.mapshade_server.readers.reading.volume_files import disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import (
     SCALAR_TYPES,
     OpenedVolume,
@@ -65,7 +66,8 @@ def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
         warnings=(warning,) if dtype.itemsize > 1 and endian is None else (),
         **voxels.access,
     )
-    return OpenedVolume(description, voxels.read, parts=())
+    files = [file for file in (_sidecar(path), path) if file.is_file()]
+    return OpenedVolume(description, voxels.read, lambda: disk_files(files), parts=())
 
 
 def _said(path: Path, part: str) -> ArrayPart:
