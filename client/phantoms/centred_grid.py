@@ -20,6 +20,8 @@ class Phantom(NamedTuple):
     sheets: Iterator[torch.Tensor]  # consecutive ones, shaped (k, j, i)
     kind: Kind = Kind.UNKNOWN
     bands: tuple[Band, ...] = ()  # where its values are classes
+    unit: str = ""  # of lengths, if they have one
+    anatomical: bool = False  # physical axes are left, posterior, superior
 
     def whole(self) -> tuple[torch.Tensor, Geometry]:
         """All voxels, shaped (k, j, i), and their place."""

@@ -36,7 +36,9 @@ def head(size: Index | None = None, spacing: Vector | None = None, seed: int = 0
     """
     size = size or HEAD_SIZE
     geometry, scale = placed_grid(size, spacing, anatomy.FIELD_OF_VIEW)
-    return Phantom(geometry, torch.uint16, _scanned(geometry, scale, SheetNoise(seed, NOISE)), Kind.CT)
+    return Phantom(
+        geometry, torch.uint16, _scanned(geometry, scale, SheetNoise(seed, NOISE)), Kind.CT, unit="mm", anatomical=True
+    )
 
 
 def _scanned(geometry: Geometry, scale: float, noise: SheetNoise) -> Iterator[Tensor]:

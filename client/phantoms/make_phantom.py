@@ -20,7 +20,7 @@ from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 
 MOST_VOXELS = 1 << 33
-LEAST_STEP = 1e-30  # millimetres, and one over the greatest
+LEAST_STEP = 1e-30  # and one over the greatest
 
 PHANTOMS: dict[str, Callable[[Index | None, Vector | None, int], Phantom]] = {
     "head": head,
@@ -42,7 +42,7 @@ def make_phantom(
 ) -> tuple[torch.Tensor, Geometry]:
     """The voxels, shaped (k, j, i), and the place of the phantom `name`, whose middle is the physical origin.
 
-    Physical axes are LPS, the grid's axes along them. Without `size` and `spacing` (mm) each phantom has its own.
+    The grid's axes lie along the physical ones. Without `size` and `spacing` (in its unit) each phantom has its own.
     The same arguments give the same bits. Raises BadInput for an unknown name and for a size or spacing that
     cannot be.
     """

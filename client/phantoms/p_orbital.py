@@ -98,7 +98,7 @@ def p_orbital(size: Index | None = None, spacing: Vector | None = None, seed: in
     size = size or P_ORBITAL_SIZE
     i, j, k = (length / count for length, count in zip(FIELD_OF_VIEW, size, strict=True))
     geometry, scale = placed_grid(size, spacing or (i, j, k), FIELD_OF_VIEW)
-    return Phantom(geometry, torch.float32, _probability(geometry, 1 / (scale * BOHR)), Kind.ELECTRON_DENSITY)
+    return Phantom(geometry, torch.float32, _probability(geometry, 1 / (scale * BOHR)), Kind.ELECTRON_DENSITY, unit="Å")
 
 
 def _probability(geometry: Geometry, unit: float) -> Iterator[Tensor]:

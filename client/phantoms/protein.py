@@ -52,7 +52,7 @@ def protein(size: Index | None = None, spacing: Vector | None = None, seed: int 
     """uint8 elements in bands of 32 values (see molecule.CLASSES): bond, C, N, O and S."""
     geometry, scale = placed_grid(size or PROTEIN_SIZE, spacing, FIELD_OF_VIEW)
     values = at_once(lambda: elements(protein_atoms(), geometry, scale))
-    return Phantom(geometry, torch.uint8, values, Kind.ELEMENTS, BANDS)
+    return Phantom(geometry, torch.uint8, values, Kind.ELEMENTS, BANDS, "Å")
 
 
 @cache

@@ -36,7 +36,8 @@ PAIRS = ACCEPTOR_ARM + T_ARM
 def rna(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 synthetic electron density of the twelve base pairs; the helix rises along z."""
     geometry, scale = placed_grid(size or RNA_SIZE, spacing, FIELD_OF_VIEW)
-    return Phantom(geometry, torch.float32, at_once(lambda: density(rna_atoms(), geometry, scale)), Kind.ATOM_DENSITY)
+    values = at_once(lambda: density(rna_atoms(), geometry, scale))
+    return Phantom(geometry, torch.float32, values, Kind.ATOM_DENSITY, unit="Å")
 
 
 @cache

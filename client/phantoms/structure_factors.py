@@ -53,7 +53,7 @@ def reflections(size: Index | None = None, spacing: Vector | None = None, seed: 
     size = size or STRUCTURE_FACTORS_SIZE
     geometry = centred_geometry(size, spacing or (1 / CELL[0], 1 / CELL[1], 1 / CELL[2]))
     values = at_once(lambda: _banded(structure_factors(size)))
-    return Phantom(geometry, torch.uint8, values, Kind.STRUCTURE_FACTORS, PHASE_BANDS)
+    return Phantom(geometry, torch.uint8, values, Kind.STRUCTURE_FACTORS, PHASE_BANDS, "1/Å")
 
 
 def _banded(factors: Tensor) -> Tensor:

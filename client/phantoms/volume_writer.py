@@ -4,7 +4,7 @@ import importlib
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -34,6 +34,7 @@ COMPRESSED = {
 }
 NRRD = ".nrrd"
 HEADERS = (".nhdr", ".mhd")  # whose voxels lie beside them
+PATIENT = ("space: left-posterior-superior",)
 TRIED_BYTES = 1 << 16  # more than a disk has left that has just filled up, but for what compression holds back
 NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing if the disk is full
 NRRD_TYPES = {
@@ -134,13 +135,19 @@ def _write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
 
 
 def write_phantom(path: Path, phantom: Phantom) -> None:
-    """As `write_volume`; NRRD some sheets at a time, with what the values are, which no other format states."""
+    """As `write_volume`; NRRD some sheets at a time, with what values and axes are, which no other format states."""
     path = written_at(path)
     if extension_of(path) == NRRD:
         pairs = stated(phantom.kind, phantom.bands)
-        _write_nrrd(path, phantom.sheets, phantom.dtype, phantom.geometry, pairs)
+        _write_nrrd(path, phantom.sheets, phantom.dtype, phantom.geometry, _space_of(phantom), pairs)
     else:
         _write_volume(path, *phantom.whole())
+
+
+def _space_of(phantom: Phantom) -> tuple[str, ...]:
+    unit = f'"{phantom.unit}"'
+    units = (f"space units: {unit} {unit} {unit}",) if phantom.unit else ()
+    return (*(PATIENT if phantom.anatomical else ("space dimension: 3",)), *units)
 
 
 def _write_nrrd(
@@ -148,19 +155,22 @@ def _write_nrrd(
     sheets: Iterable[torch.Tensor],
     dtype: torch.dtype,
     geometry: Geometry,
+    space: Sequence[str] = PATIENT,
     pairs: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """As `_write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); no more are held than come at once.
 
-    `pairs` are keys and values for the header, each of one line.
+    `space` has the lines that name the physical axes; `pairs` are keys and values for the header, each of one line.
     """
     with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
-        file.write(_nrrd_header(path, dtype, geometry, pairs))
+        file.write(_nrrd_header(path, dtype, geometry, space, pairs))
         for some in sheets:
             file.write(some.contiguous().numpy().data)
 
 
-def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry, pairs: Mapping[str, str]) -> bytes:
+def _nrrd_header(
+    path: Path, dtype: torch.dtype, geometry: Geometry, space: Sequence[str], pairs: Mapping[str, str]
+) -> bytes:
     if dtype not in NRRD_TYPES:
         raise BadInput(f"{path}: voxels of type {dtype} are no numbers that NRRD holds; convert them")
     steps = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
@@ -168,7 +178,7 @@ def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry, pairs: Mapp
         "NRRD0005",
         f"type: {NRRD_TYPES[dtype]}",
         "dimension: 3",
-        "space: left-posterior-superior",
+        *space,
         "sizes: " + " ".join(str(size) for size in geometry.dims),
         "space directions: " + " ".join(_nrrd_vector(step) for step in steps),
         "kinds: domain domain domain",

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 import tolerances
 from support.checkout import ROOT
 from volsplat.client.command.phantom_command import size_of_grid
-from volsplat.client.phantoms import PHANTOMS, centred_grid, make_phantom, shells_tables
+from volsplat.client.phantoms import PHANTOMS, centred_grid, make_phantom, shells_tables, streamed_phantom
 from volsplat.client.phantoms.known_signals import ramp, slab
-from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.phantoms.volume_writer import write_phantom, write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.description.scene import Image
@@ -105,6 +105,14 @@ made = streamed_phantom("shells", (256, 256, 512))
 with little_memory(int(sys.argv[2])):
     write_phantom(Path(sys.argv[1]), made)
 """
+
+
+def test_lengths_of_phantoms_have_their_unit_and_only_the_head_is_a_patient_s(tmp_path: Path) -> None:
+    units = {"head": "mm", "rna": "Å", "protein": "Å", "p-orbital": "Å", "structure-factors": "1/Å"}
+    for name in PHANTOMS:
+        write_phantom(tmp_path / f"{name}.nrrd", streamed_phantom(name, (8, 8, 8)))
+        told = open_volume(str(tmp_path / f"{name}.nrrd")).describe()
+        assert (told.unit, told.anatomical) == (units.get(name, ""), name == "head"), name
 
 
 @pytest.mark.parametrize(("text", "size"), [("64", (64, 64, 64)), ("5x6x7", (5, 6, 7))])
