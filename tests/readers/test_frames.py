@@ -87,6 +87,7 @@ def test_the_volumes_of_a_series_that_itk_joins_lie_where_they_did(extension: st
             place = told.geometry.physical((float(index[0]), float(index[1]), float(index[2])))
             expected = volumes[0].TransformIndexToPhysicalPoint(index)
             assert place == pytest.approx(expected, rel=tolerances.GEOMETRY_FLOAT32, abs=tolerances.GEOMETRY_FLOAT32)
+        assert told.unit == ("" if extension == "nrrd" else "mm")  # which then names no space
         assert ("left and right cannot be told" in str(told.warnings)) == (extension == "mha")
 
 

@@ -85,7 +85,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         format="MetaImage",
         geometry=geometry,
         scalar_type=voxels.dtype.name,
-        unit=_unit(fields, anatomical),
+        unit=_unit(fields),
         anatomical=anatomical,
         warnings=(*_told(fields, geometry), *([NO_SIDES] if len(sizes) > 3 and not anatomical else [])),
         kind=kind,
@@ -99,9 +99,11 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
     return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files, parts=())
 
 
-def _unit(fields: dict[str, str], anatomical: bool) -> str:
+def _unit(fields: dict[str, str]) -> str:
+    """Whoever writes a patient's sides means mm, and so does ITK, which writes ???? for those of a series."""
     stated = length_unit(fields.get("DistanceUnits", ""))
-    return stated.symbol if stated is not None else "mm" if anatomical else ""
+    sided = re.fullmatch(r"[RLAPSI]{3}|\?+", fields.get("AnatomicalOrientation", "").upper())
+    return stated.symbol if stated is not None else "mm" if sided else ""
 
 
 def _told(fields: dict[str, str], geometry: Geometry) -> tuple[str, ...]:

@@ -37,6 +37,7 @@ def test_a_metaimage_lies_where_it_says_by_whatever_name(
 def test_the_unit_of_a_metaimage_is_kept(tmp_path: Path) -> None:
     assert metaimage(tmp_path, "DistanceUnits = um\nElementSpacing = 1 2 3").unit == "µm"
     assert metaimage(tmp_path, "ElementSpacing = 1 2 3").unit == ""
+    assert metaimage(tmp_path, "ElementSpacing = 1 2 3\nAnatomicalOrientation = RAI").unit == "mm"
 
 
 SIGNED_ORDERS = list(itertools.product(itertools.permutations(range(3)), itertools.product((1, -1), repeat=3)))
