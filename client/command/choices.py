@@ -16,6 +16,10 @@ class Words(click.Choice[str]):
     def __init__(self, words: Iterable[str]) -> None:
         super().__init__([str(word) for word in words], case_sensitive=False)
 
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """The words as they are written everywhere else; click would list them in small letters."""
+        return f"[{'|'.join(self.choices)}]"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:
             return super().convert(value, param, ctx)

@@ -102,6 +102,13 @@ def completed(typed: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.parametrize(
+    ("name", "steps"), [("render", "[A|B|C|D|E|F|G]"), ("movie", "[A|B|C|D|E|F|G]"), ("gallery", "[F|G]")]
+)
+def test_steps_are_listed_by_their_letters(name: str, steps: str) -> None:
+    assert f"--step {steps}" in command(name).get_help(click.Context(command(name)))
+
+
 def test_a_shell_completes_commands_presets_and_files() -> None:
     assert completed("volsplat m") == ["plain,movie", "plain,mapshade-server"]
     assert completed("volsplat render head.nrrd --preset ct-") == [
