@@ -3,6 +3,7 @@
 A server's clock is read when it joins and before its spans are; what it tells is asked for once the frame is over.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -35,6 +36,8 @@ class _Traced:
     asked: float = 0.0  # when the newest one was asked for
     wanted: int = 0  # frame whose spans are asked for after them
     told: FrameTraced | None = None
+    error: float = 0.0  # seconds that its clock may have been off in any frame that is written
+    left_out: int = 0  # spans of these
 
     def ask(self) -> None:
         """What comes next: a reading, or the spans of the wanted frame."""
@@ -125,8 +128,10 @@ class FrameTracer:
         told, reading = traced.told, traced.clock.best
         if told is None or reading is None or told.of_frame != frame:
             return
-        left_out = f", {told.left_out} spans left out" if told.left_out else ""
-        self._file.name(server + 1, f"{traced.name}, clock ± {reading.error * 1e6:.0f} µs{left_out}")
+        traced.error = max(traced.error, reading.error)
+        traced.left_out += told.left_out
+        left_out = f", {traced.left_out} spans left out" if traced.left_out else ""
+        self._file.name(server + 1, f"{traced.name}, clock ± {math.ceil(traced.error * 1e6)} µs{left_out}")
         self._file.add(server + 1, frame, told.spans, reading.offset - self._began)
 
     def close(self) -> None:

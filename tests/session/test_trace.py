@@ -169,6 +169,27 @@ def test_a_server_that_is_lost_is_not_waited_for_and_clocks_of_other_epochs_are_
     assert 0.0 <= work["ts"] - asked["ts"] < 60e6
 
 
+def test_what_a_clock_may_be_off_holds_for_every_frame(tmp_path: Path) -> None:
+    """Each has the best of the newest readings, which may be better later."""
+    tracer, round_trips = FrameTracer(tmp_path / "trace.json"), {1: 0.5, 2: 0.0}
+
+    def answering(message: Message) -> None:
+        now = time.perf_counter()
+        match message:
+            case ReadClock():
+                tracer.take(1, ClockRead(now), now + round_trips[min(round_trips)])
+            case ReadTrace(of_frame=frame):
+                tracer.take(1, FrameTraced(frame, [], 0), now)
+
+    tracer.joined(1, "one", answering)
+    for frame in list(round_trips):
+        tracer.finish(frame)
+        del round_trips[frame]
+    tracer.close()
+    trace = Trace(tmp_path / "trace.json")
+    assert all(0.25e6 <= trace.error(name) < 0.5e6 for name in trace.names.values() if name != "client")
+
+
 def test_what_is_noted_before_a_servers_answer_belongs_to_the_frame(tmp_path: Path) -> None:
     """Who sent the request may be kept from noting so until the frame is over."""
     tracer = FrameTracer(tmp_path / "trace.json")

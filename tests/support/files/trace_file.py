@@ -15,7 +15,6 @@ class Trace:
     def __init__(self, path: Path) -> None:
         events = json.loads(path.read_bytes())
         told = [event for event in events if event["ph"] == "M"]
-        self._named = [event["args"]["name"] for event in told if event["name"] == "process_name"]
         self.names = {event["pid"]: event["args"]["name"] for event in told if event["name"] == "process_name"}
         row_names = {
             (event["pid"], event["tid"]): event["args"]["name"] for event in told if event["name"] == "thread_name"
@@ -35,6 +34,6 @@ class Trace:
         ]
 
     def error(self, process: str) -> float:
-        """What a process's clock may be off at most, in microseconds: each frame has a reading of its own."""
-        stated = [re.search(r"clock ± (\d+) µs", name) for name in self._named if name.startswith(process)]
+        """What the clocks of processes whose names begin so may be off at most, in microseconds."""
+        stated = [re.search(r"clock ± (\d+) µs", name) for name in self.names.values() if name.startswith(process)]
         return max(float(error[1]) for error in stated if error is not None)
