@@ -30,8 +30,8 @@ JPEG_LEVELS = 6 / 255
 QUADRATURE = 1e-6
 """Of integrals by 96 points over profiles whose second derivative may jump."""
 
-SMALLEST_BALL = 1e-6
-"""Relative: of a fit, whose ball no point lies outside of by more than 1e-9."""
+FIT = 1e-12
+"""Relative: of a fit, whose sums are in another order."""
 
 PROFILE = 1e-6
 """Of P(rho), interpolated between 8193 angles."""

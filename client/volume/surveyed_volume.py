@@ -12,9 +12,8 @@ from volsplat.client.histogram.subject import Subject, subject_of
 from volsplat.client.scene.default_scene import default_scene, is_shown_as_labels
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.resized import allowed_zoom
-from volsplat.client.volume.enclosing_ball import Ball
 from volsplat.client.volume.up_guess import StandsUp, stands_up
-from volsplat.client.volume.visible_part import fitting_view, visible_ball
+from volsplat.client.volume.visible_part import Ball, fitting_view, visible_ball
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS
 from volsplat.protocol.description.patches import Plane, colourless

@@ -1,7 +1,7 @@
 """How much of each block of a volume can be seen under a scene's tables and bounds.
 
-Of a block the least and the greatest value are known (protocol/description/block_extremes.py): the share of the
-densities between them that are seen is what it shows.
+Of a block the least and the greatest value are known (protocol/description/block_extremes.py): what the densities
+between them show in the mean is what it shows.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class BlockShares(NamedTuple):
     """Of the blocks that some bounds reach."""
 
     first: Index  # block along i, j, k
-    shares: NDArray[np.float64]  # of what each may show, 0 to 1, shaped (k, j, i)
+    shares: NDArray[np.float64]  # of what each may show, as `seen` counts it, shaped (k, j, i)
 
 
 def opacities(scene: Scene) -> list[float] | None:
@@ -37,9 +37,9 @@ def opacities(scene: Scene) -> list[float] | None:
 
 
 def block_shares(
-    seen: Sequence[bool], dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
+    seen: Sequence[float], dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
 ) -> BlockShares:
-    """Of the blocks that the bounds reach. `seen` tells of each density byte whether it is."""
+    """Of the blocks that the bounds reach. `seen` tells of each density byte how much it is, or whether."""
     low, scale = quantisation.window[0], quantisation.density_scale
     size = block_size(dims)
     reached = tuple(slice(a // step, -(-b // step)) for a, b, step in zip(*bounds, size, strict=True))
@@ -52,6 +52,6 @@ def block_shares(
         return (bytes_ + 0.5).astype(np.intp)
 
     first, last = entries(least), entries(greatest)
-    up_to = np.concatenate(([0], np.cumsum(seen)))
+    up_to = np.concatenate(([0.0], np.cumsum(seen, dtype=np.float64)))
     shares = (up_to[last + 1] - up_to[first]) / (last + 1 - first)
     return BlockShares((reached[0].start, reached[1].start, reached[2].start), np.where(empty, 0.0, shares))

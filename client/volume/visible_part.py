@@ -1,17 +1,20 @@
 """What of a volume can be seen under a scene's tables and bounds, and the view that fits it into the image.
 
 Known by blocks (protocol/description/block_extremes.py): one is visible if the opacities of the densities between its
-least and its greatest value are. That part fits by a ball about its middle, so that it stays in the image however it
-is turned.
+least and its greatest value are. What little lies about the rest does not count: noise, and faint sheets and threads,
+such as a scanner's headrest. That part fits by a ball about the middle of its box: it has the image's middle, and stays
+in the image however it is turned.
 """
 
+import math
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from volsplat.client.scene.resized import allowed_zoom
-from volsplat.client.volume.enclosing_ball import Ball, Points, enclosing_ball, reach
 from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
@@ -25,10 +28,19 @@ from volsplat.protocol.rules.resolved_view import FIT_FRACTION, resolved_bounds
 FAINT = 0.01  # opacity: less is hardly seen
 FAINT_SHARE = 0.1  # of the greatest opacity: nor is less than that, in a scene that is faint altogether
 STRAY = 0.01  # of the visible blocks: so many that have no visible neighbour may be noise, and are left out
+SOLID_SHARE = 0.25  # of what the block shows that shows most: at least as much is solid, less is faint
+NEAR = 2  # blocks: so near to one with visible ones all around it is no thin sheet or thread, but its rim
+ASIDE = 0.01  # of all that blocks show: so much that is faint and thin may be what lies about, and is left out
 
-Row = tuple[int, int]  # blocks j, k
+Blocks = NDArray[np.bool_]  # (k, j, i)
+Points = NDArray[np.float64]  # (n, 3)
 Indices = NDArray[np.int64]  # (n, 3) of i, j, k
 CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a box: whether each is at its end along i, j, k
+
+
+class Ball(NamedTuple):
+    centre: Vector
+    radius: float
 
 
 def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, Vector]:
@@ -45,22 +57,24 @@ def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, V
 
 
 def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, extremes: BlockExtremes) -> Ball:
-    """The smallest ball of the visible voxels' centres, physical; about the view's centre where that is given.
+    """The physical ball of the visible voxels' centres, about the middle of their box or the view's centre if given.
 
     It lies relative to the centre of voxel (0, 0, 0): with an origin far away added, places would be rounded.
     Where nothing is visible, of all within the bounds; white edges are visible, too. Raises ValueError for bounds
     that the volume does not have.
     """
     bounds = resolved_bounds(scene, geometry)
-    rows = _without_strays(_visible_rows(scene, geometry.dims, bounds, quantisation, extremes))
-    corners = _corners(rows, geometry.dims, bounds) if rows else _corners_of(*map(np.atleast_2d, bounds))
+    first, shares = block_shares(_seen(scene), geometry.dims, bounds, quantisation, extremes)
+    blocks = _that_count(shares)
+    corners = _corners(first, blocks, geometry.dims, bounds) if blocks.any() else _corners_of(*_lone(bounds))
     if scene.image.edges:
-        corners = np.concatenate((corners, _corners_of(*map(np.atleast_2d, geometry.box))))
+        corners = np.concatenate((corners, _corners_of(*_lone(geometry.box))))
     points = _physical(geometry, corners)
     if scene.view.center == "middle":
-        return enclosing_ball(points)
-    centre = matrices.applied(geometry.index_to_physical, scene.view.center)
-    return Ball(centre, reach(centre, points))
+        centre = _vector((points.min(axis=0) + points.max(axis=0)) / 2)
+    else:
+        centre = matrices.applied(geometry.index_to_physical, scene.view.center)
+    return Ball(centre, _reach(centre, points))
 
 
 def _longest_step(geometry: Geometry) -> float:
@@ -71,45 +85,46 @@ def _longest_step(geometry: Geometry) -> float:
     return float((by_rows * by_columns) ** 0.5)
 
 
-def _visible_rows(
-    scene: Scene, dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
-) -> dict[Row, int]:
-    """The visible blocks of each row along i as the bits of a number, block 0 lowest; rows without any are left out."""
-    (i, j, k), shares = block_shares(_seen(scene), dims, bounds, quantisation, extremes)
-    rows = np.packbits(shares > 0.0, axis=2, bitorder="little")
-    visible = np.argwhere(rows.any(axis=2)).tolist()
-    return {(j + dj, k + dk): int.from_bytes(rows[dk, dj].tobytes(), "little") << i for dk, dj in visible}
-
-
-def _seen(scene: Scene) -> list[bool]:
-    """Of each density byte whether it can well be seen. Indexed by another field, opacity may be anywhere."""
+def _seen(scene: Scene) -> list[float]:
+    """The opacity of each density byte that can well be seen. Indexed by another field, it may be anything."""
     known = opacities(scene)
     if known is None:
-        return [True] * TABLE_ENTRIES
+        return [1.0] * TABLE_ENTRIES
     least = min(FAINT, FAINT_SHARE * max(known))
-    return [opacity > least for opacity in known]
+    return [opacity if opacity > least else 0.0 for opacity in known]
 
 
-def _without_strays(rows: dict[Row, int]) -> dict[Row, int]:
-    """The rows without blocks that stand alone, unless such make up more of the picture than noise does."""
-    around = [(dj, dk) for dj, dk in product((-1, 0, 1), repeat=2) if (dj, dk) != (0, 0)]
-    kept = {}
-    for (j, k), bits in rows.items():
-        near = 0
-        for dj, dk in around:
-            near |= rows.get((j + dj, k + dk), 0)
-        kept[j, k] = bits & (near | near << 1 | near >> 1 | bits << 1 | bits >> 1)
-    visible = sum(bits.bit_count() for bits in rows.values())
-    strays = visible - sum(bits.bit_count() for bits in kept.values())
-    return {row: bits for row, bits in kept.items() if bits} if strays <= STRAY * visible else rows
+def _that_count(shares: NDArray[np.float64]) -> Blocks:
+    """The visible blocks without the faint and thin, and then those that stand alone, unless such make up much."""
+    visible = shares > 0.0
+    thick = _within(_within(~visible, 1) == 0, NEAR) > 0
+    aside = visible & ~thick & (shares < SOLID_SHARE * shares.max())
+    if shares[aside].sum() <= ASIDE * shares.sum():
+        visible = visible & ~aside
+    strays = visible & (_within(visible, 1) == 1)
+    return visible & ~strays if strays.sum() <= STRAY * visible.sum() else visible
 
 
-def _corners(rows: dict[Row, int], dims: Index, bounds: Box) -> Indices:
-    """Grid points about all voxel centres of the blocks within the bounds."""
-    ends = [((bits & -bits).bit_length() - 1, bits.bit_length() - 1) for bits in rows.values()]
-    first, last = (np.array([(i, *row) for i, row in zip(at, rows, strict=True)]) for at in zip(*ends, strict=True))
+def _within(blocks: Blocks, reach: int) -> NDArray[np.intp]:
+    """How many of them lie in the cube about each that reaches so many blocks to each side."""
+    counts = np.pad(blocks.astype(np.intp), reach)
+    for axis in range(3):
+        counts = sliding_window_view(counts, 2 * reach + 1, axis).sum(axis=-1)
+    return counts
+
+
+def _corners(first: Index, blocks: Blocks, dims: Index, bounds: Box) -> Indices:
+    """Grid points about all voxel centres of the blocks within the bounds; `first` is the one at their corner."""
+    k, j = np.nonzero(blocks.any(axis=2))
+    rows = blocks[k, j]
+    low = np.stack((rows.argmax(axis=1), j, k), axis=1) + first
+    high = np.stack((rows.shape[1] - 1 - rows[:, ::-1].argmax(axis=1), j, k), axis=1) + first
     size = block_size(dims)
-    return _corners_of(np.maximum(first * size, bounds.low), np.minimum((last + 1) * size, bounds.high))
+    return _corners_of(np.maximum(low * size, bounds.low), np.minimum((high + 1) * size, bounds.high))
+
+
+def _lone(box: Box) -> tuple[Indices, Indices]:
+    return np.atleast_2d(box.low), np.atleast_2d(box.high)
 
 
 def _corners_of(low: Indices, high: Indices) -> Indices:
@@ -121,3 +136,16 @@ def _physical(geometry: Geometry, indices: Indices) -> Points:
     """Where each is from voxel (0, 0, 0), by the very operations of `matrices`."""
     i, j, k = indices.T.astype(np.float64)
     return np.stack([a * i + b * j + c * k for a, b, c in geometry.index_to_physical], axis=1)
+
+
+@np.errstate(over="ignore")  # of grids as wide as numbers are
+def _reach(centre: Vector, points: Points) -> float:
+    """How far away the farthest point is, by the very operations of `matrices`."""
+    off: Points = points - centre
+    x, y, z = off.T
+    return math.sqrt((x * x + y * y + z * z).max())
+
+
+def _vector(point: NDArray[np.float64]) -> Vector:
+    x, y, z = point.tolist()
+    return (x, y, z)

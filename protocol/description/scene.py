@@ -297,7 +297,7 @@ class View(Part, frozen=True):
         float | Literal["fit"],
         Key(
             "The reference spacing is the cube root of a voxel's volume. Fit shows all that is visible under the"
-            " tables\nand bounds, from whichever side: the smallest ball about it fills the image.",
+            " tables\nand bounds, from whichever side: the ball about the middle of its box fills the image.",
             PartOf("moves"),
             Limits(LEAST_ZOOM, GREATEST_ZOOM),
             "pixels per voxel",

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -14,7 +13,6 @@ from support.thoroughness import examples
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
-from volsplat.client.volume.enclosing_ball import enclosing_ball, squared_distances
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.client.volume.visible_part import fitting_view, visible_ball
 from volsplat.protocol.description.block_extremes import BlockExtremes
@@ -27,18 +25,6 @@ SIZE = 96
 DIMS = (60, 70, 80)
 CENTRE, RADIUS = (17.0, 50.0, 30.0), 13.0
 VISIBLE = 0.005
-
-points = st.lists(st.tuples(*[st.floats(-100, 100)] * 3), min_size=1, max_size=30)
-
-
-@given(points=points)
-def test_the_smallest_ball_holds_all_and_is_no_larger_than_it_must_be(points: list[tuple[float, float, float]]) -> None:
-    those = np.array(points)
-    ball = enclosing_ball(those)
-    assert max(squared_distances(ball.centre, those)) <= ball.radius**2 * (1 + 1e-6) + 1e-12
-    farthest = max(max(squared_distances(one, those)) for one in points) ** 0.5
-    assert farthest / 2 <= ball.radius * (1 + 1e-6) + 1e-9  # Jung: between half the diameter and sqrt(3/8) of it
-    assert ball.radius <= (3 / 8) ** 0.5 * farthest * (1 + 1e-6) + 1e-9
 
 
 def ball_in(folder: Path, stray: bool) -> Path:
@@ -98,7 +84,7 @@ def test_bounds_tables_and_cross_bar_decide_what_is_fitted(ball: Path) -> None:
     scene = scene_from((0.0, 0.0, 0.0, 1.0))
     with SingleProcess(ball) as single:
         whole = single.volume.settled(scene).view
-        cut = msgspec.structs.replace(scene, bounds=Bounds(low=(0, 0, 30)))
+        cut = msgspec.structs.replace(scene, bounds=Bounds(low=(0, 0, 37)))
         half = single.volume.settled(cut).view
         assert half.center[2] > whole.center[2] and half.zoom > whole.zoom  # type: ignore[operator]
         by_strength = msgspec.structs.replace(scene, cross_bar=CrossBar(opac=Field.STRENGTH))
@@ -127,6 +113,44 @@ def test_a_fit_does_not_depend_on_where_the_volume_lies(
         placed = msgspec.structs.replace(geometry, origin=at)
         views.append(fitting_view(scene, placed, visible_ball(scene, placed, quantisation, extremes)))
     assert views[0] == views[1]
+
+
+def fit_beside(folder: Path, low: tuple[int, int, int], high: tuple[int, int, int], value: int) -> View:
+    """Of a ball in a grid's middle, and a box of this value beside it, in a scene whose opacity rises with it."""
+    k, j, i = torch.meshgrid(*(torch.arange(96) for _ in range(3)), indexing="ij")
+    values = (200 * ((i - 48) ** 2 + (j - 48) ** 2 + (k - 48) ** 2 <= 25**2)).to(torch.uint8)
+    (i0, j0, k0), (i1, j1, k1) = low, high
+    values[k0:k1, j0:j1, i0:i1] = value
+    write_volume(folder / "beside.nrrd", values, Geometry((96, 96, 96)))
+    with SingleProcess(folder / "beside.nrrd") as single:
+        scene = scene_from((0.0, 0.0, 0.0, 1.0)).with_(opac=[(0.0, 0.0), (1.0, 1.0)])
+        return single.volume.settled(scene).view
+
+
+FAINT_VALUE, SOLID_VALUE = 20, 200
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_a_faint_sheet_beside_what_is_solid_does_not_count_and_a_solid_one_does(tmp_path: Path, solid: bool) -> None:
+    alone = fit_beside(tmp_path, (0, 0, 0), (0, 0, 0), 0)
+    sheet = fit_beside(tmp_path, (40, 88, 40), (90, 91, 60), SOLID_VALUE if solid else FAINT_VALUE)
+    assert (sheet == alone) == (not solid)
+
+
+def test_a_faint_cloud_beside_what_is_solid_counts(tmp_path: Path) -> None:
+    alone = fit_beside(tmp_path, (0, 0, 0), (0, 0, 0), 0)
+    cloud = fit_beside(tmp_path, (40, 75, 40), (90, 95, 60), FAINT_VALUE)
+    assert cloud.center[1] > alone.center[1] and cloud.zoom < alone.zoom  # type: ignore[operator]
+
+
+def test_what_is_fitted_has_the_images_middle_from_each_side(shared_data: Path) -> None:
+    with SingleProcess(shared_data / "ct_head/ct_head_96x128x113.nrrd") as single:
+        scene = single.volume.default_scene().with_(size=SIZE)
+        for side in ("front", "left", "top"):
+            alpha = single.render(scene.with_(rotation=side))[..., 3]
+            seen = (alpha > 0.1).nonzero()
+            ends = seen.min(dim=0).values, SIZE - 1 - seen.max(dim=0).values
+            assert (ends[0] - ends[1]).abs().max() <= 0.1 * SIZE
 
 
 def test_what_is_given_keeps_its_meaning(ball: Path) -> None:
