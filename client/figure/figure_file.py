@@ -50,7 +50,7 @@ def write_picture(
     if kind == ".svg":
         _write_whole(path, svg_text(drawing, bytes_of(".png", lambda place: write(place, picture))).encode())
     elif kind == ".pdf":
-        pixels = straight(picture, drawing.background, "uint8")
+        pixels = straight(picture, drawing.background)
         stored = msgspec.json.encode(scene).decode()
         _write_whole(path, pdf_bytes(drawing, pixels, figure.title or volume.description.name, stored))
     else:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.files.whole_file import whole_file
 from volsplat.client.image.embedded_picture import SVG, embedded_png
-from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
+from volsplat.client.image.image_formats import EXACT, check_writable
 from volsplat.program.temporary_folder import temporary_folder
 from volsplat.program.temporary_name import behind_links
 from volsplat.protocol.description.scene import Colour, Scene
@@ -32,7 +32,7 @@ from volsplat.protocol.text.file_names import check_utf8
 
 JPEG_QUALITY = 95
 
-Coding = Callable[[NDArray[Any], Colour | None, Depth], NDArray[Any]]
+Coding = Callable[[NDArray[Any], Colour | None], NDArray[Any]]
 
 _PREFIX = "volsplat:"
 _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
@@ -52,8 +52,6 @@ def write_image(
     image: ArrayLike,
     scene: Scene,
     properties: Mapping[str, str] | None = None,
-    depth: Depth | None = None,
-    jpeg_quality: int = JPEG_QUALITY,
     *,
     dpi: float | None = None,
     transparent: bool = False,
@@ -65,20 +63,14 @@ def write_image(
     cannot be written; an older file of that name then stays as it was.
     """
     scene = checked_scene(scene)
-    background = None if transparent or path.suffix.lower() == ".exr" else scene.image.background
+    background = None if transparent or path.suffix.lower() == EXACT else scene.image.background
     stored = {"scene": msgspec.json.encode(scene).decode(), **(properties or {})}
-    _write(path, image, background, stored, depth, jpeg_quality, dpi, straight if transparent else coded)
+    _write(path, image, background, stored, JPEG_QUALITY, dpi, straight if transparent else coded)
 
 
-def write_pixels(
-    path: Path,
-    pixels: ArrayLike,
-    properties: Mapping[str, str] | None = None,
-    depth: Depth | None = None,
-    jpeg_quality: int = JPEG_QUALITY,
-) -> None:
-    """Write (H, W, C) values 0..1 as they are, and `properties` as text. Otherwise as write_image."""
-    _write(path, pixels, None, properties or {}, depth, jpeg_quality, None, coded)
+def write_pixels(path: Path, pixels: ArrayLike, jpeg_quality: int = JPEG_QUALITY) -> None:
+    """Write (H, W, C) values 0..1 as they are, without a scene. Otherwise as write_image."""
+    _write(path, pixels, None, {}, jpeg_quality, None, coded)
 
 
 def read_scene(path: Path) -> Scene:
@@ -118,7 +110,6 @@ def _write(
     values: ArrayLike,
     background: Colour | None,
     properties: Mapping[str, str],
-    depth: Depth | None,
     jpeg_quality: int,
     dpi: float | None,
     code: Coding,
@@ -126,12 +117,11 @@ def _write(
     """As write_pixels, over `background` if there is one."""
     check_writable(path)
     kind = path.suffix.lower()
-    depth = depth or DEPTHS[kind][0]
-    if depth not in DEPTHS[kind]:
-        raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
+    if kind == EXACT:
+        code = exact
     pixels = np.asarray(values)
     height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels if background is None else 3, depth)
+    spec = oiio.ImageSpec(width, height, channels if background is None else 3, "float" if code is exact else "uint8")
     spec.attribute("oiio:ColorSpace", "sRGB")
     spec.attribute("DateTime", "")  # otherwise the time of writing is stored
     if kind in (".jpg", ".jpeg"):
@@ -139,41 +129,42 @@ def _write(
         spec.attribute("jpeg:subsampling", "4:4:4")
     else:
         spec.attribute("Compression", "zip")
-    if kind != ".exr" and code is straight:
+    if code is straight:
         spec.attribute("oiio:UnassociatedAlpha", 1)
     if dpi is not None:
         for name in ("XResolution", "YResolution"):
             spec.attribute(name, float(dpi))
         spec.attribute("ResolutionUnit", "in")
     _store(spec, path, properties)
-    _write_whole(path, spec, _coded_blocks(pixels, background, depth, coded if kind == ".exr" else code))
+    _write_whole(path, spec, _coded_blocks(pixels, background, code))
 
 
-def _coded_blocks(
-    pixels: NDArray[Any], background: Colour | None, depth: Depth, code: Coding
-) -> Iterator[NDArray[Any]]:
+def _coded_blocks(pixels: NDArray[Any], background: Colour | None, code: Coding) -> Iterator[NDArray[Any]]:
     rows = max(_BLOCK_PIXELS // pixels.shape[1] // _BLOCK_ROWS, 1) * _BLOCK_ROWS
     for first in range(0, len(pixels), rows):
-        yield code(pixels[first : first + rows], background, depth)
+        yield code(pixels[first : first + rows], background)
 
 
-def coded(block: NDArray[Any], background: Colour | None, depth: Depth) -> NDArray[Any]:
-    """Rows of pixels (H, W, C) as they are stored; over the background, without alpha, if there is one."""
+def exact(block: NDArray[Any], _: Colour | None) -> NDArray[np.float32]:
+    """Rows of pixels (H, W, C) as they are."""
+    return np.ascontiguousarray(block, np.float32)
+
+
+def coded(block: NDArray[Any], background: Colour | None) -> NDArray[np.uint8]:
+    """Rows of pixels (H, W, C) in 8 bits; over the background, without alpha, if there is one."""
     if background is not None:
         block = over_background(block, background)
-    if depth == "float":
-        return np.ascontiguousarray(block, np.float32)
-    levels: NDArray[np.float64] = np.clip(block, 0.0, 1.0).astype(np.float64) * np.iinfo(depth).max + 0.5
-    return levels.astype(depth)  # which cuts off
+    levels: NDArray[np.float64] = np.clip(block, 0.0, 1.0).astype(np.float64) * 255 + 0.5
+    return levels.astype(np.uint8)  # which cuts off
 
 
-def straight(block: NDArray[Any], background: Colour | None, depth: Depth) -> NDArray[Any]:
+def straight(block: NDArray[Any], background: Colour | None) -> NDArray[np.uint8]:
     """As `coded`; of what has no background the colours as they are, not multiplied by alpha, as in PNG."""
     if background is None:
         alpha = block[..., 3:4]
         colours = np.divide(block[..., :3], alpha, out=np.zeros_like(block[..., :3]), where=alpha > 0)
         block = np.concatenate((colours, alpha), axis=2)
-    return coded(block, background, depth)
+    return coded(block, background)
 
 
 def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) -> None:

@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Literal
 
 from volsplat.client.files.whole_file import is_stream
 from volsplat.program.extras import need
@@ -10,30 +9,18 @@ from volsplat.program.temporary_name import behind_links, temporary_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 
-Depth = Literal["uint8", "uint16", "float"]
-
-# What each format can hold; the first is its default.
-DEPTHS: dict[str, tuple[Depth, ...]] = {
-    ".png": ("uint8", "uint16"),
-    ".jpg": ("uint8",),
-    ".jpeg": ("uint8",),
-    ".tif": ("uint8", "uint16", "float"),
-    ".tiff": ("uint8", "uint16", "float"),
-    ".exr": ("float",),
-}
-
-
-SCENE_HOLDERS = (*DEPTHS, ".svg")  # what a scene can be read from
+EXACT = ".exr"  # floats; all others have 8 bits a channel
+IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", EXACT)
+SCENE_HOLDERS = (*IMAGE_FORMATS, ".svg")  # what a scene can be read from
 VECTOR_FORMATS = (".svg", ".pdf")  # with the picture inside
 OPAQUE = (".jpg", ".jpeg")
 
 
 def check_writable(path: Path) -> None:
     """Raise BadInput, in one line, if no image could be written to `path`. Nothing is left behind."""
-    if path.suffix.lower() not in DEPTHS:
-        raise BadInput(
-            f"{path}: cannot write this kind of image; end the name in one of {', '.join([*DEPTHS, *VECTOR_FORMATS])}"
-        )
+    if path.suffix.lower() not in IMAGE_FORMATS:
+        endings = ", ".join((*IMAGE_FORMATS, *VECTOR_FORMATS))
+        raise BadInput(f"{path}: cannot write this kind of image; end the name in one of {endings}")
     check_utf8(path)
     check_place(path)
 

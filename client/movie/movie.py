@@ -188,7 +188,7 @@ def _levels(image: Pixels, scene: Scene) -> memoryview:
     """(H, W, 3) uint8 over the background, as a PNG has it; a row and a column more if the sizes are odd."""
     height, width, _ = image.shape
     padded = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)))
-    return coded(padded, scene.image.background, "uint8").data.cast("B")
+    return coded(padded, scene.image.background).data.cast("B")
 
 
 def _send(frames: IO[bytes], left: memoryview) -> None:

@@ -129,4 +129,4 @@ def _pil(pixels: NDArray[np.float32], background: Colour | None) -> Image:
 
     from volsplat.client.image.image_file import straight
 
-    return PIL.Image.fromarray(straight(pixels, background, "uint8"))
+    return PIL.Image.fromarray(straight(pixels, background))

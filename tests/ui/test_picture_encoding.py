@@ -35,7 +35,7 @@ def test_levels_on_the_screen_are_those_of_a_saved_image_but_for_rounding(seed: 
     image = some_image(seed)
     levels = screen_levels(PublishedImage.of(image), background)
     shown = torch.frombuffer(bytearray(levels), dtype=torch.uint8).reshape(9, 14, 4)[..., :3]
-    saved = torch.from_numpy(coded(image.numpy(), background, "uint8"))
+    saved = torch.from_numpy(coded(image.numpy(), background))
     assert (shown.int() - saved.int()).abs().max() <= 1
     assert (shown == saved).float().mean() > 0.99
 

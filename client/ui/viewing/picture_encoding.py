@@ -23,7 +23,7 @@ def encoded(image: PublishedImage, background: Colour, *, lossless: bool, enlarg
     """An image over the background: PNG with the very levels of a saved image, or JPEG, finer if it is `enlarged`."""
     size, out = (image.width, image.height), io.BytesIO()
     if lossless:
-        picture = PillowImage.frombuffer("RGB", size, coded(image.pixels, background, "uint8"), "raw", "RGB", 0, 1)
+        picture = PillowImage.frombuffer("RGB", size, coded(image.pixels, background), "raw", "RGB", 0, 1)
         picture.save(out, "PNG", compress_level=PNG_EFFORT)
     else:
         picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
