@@ -26,11 +26,12 @@ class Restart:
     def __init__(self, viewing: Viewing, open_session: OpenSession) -> None:
         self._viewing = viewing
         self._open_session = open_session
-        self._starting = threading.Lock()
+        self._starting = False
+        self._changing = threading.Lock()  # guards that, and what is told because of it
 
     @property
     def starting(self) -> bool:
-        return self._starting.locked()
+        return self._starting
 
     @property
     def wanted(self) -> bool:
@@ -39,13 +40,16 @@ class Restart:
 
     def start(self) -> None:
         """Start it if that is wanted; returns when the scene is drawn again, or was told why it cannot be."""
-        if self._viewing.session.failure is None or not self._starting.acquire(blocking=False):
-            return
+        with self._changing:
+            if not self.wanted:
+                return
+            self._starting = True
         try:
             self._say("it is being started again")
             failed = self._started()
         finally:
-            self._starting.release()
+            with self._changing:
+                self._starting = False
         if failed is None:
             self._viewing.troubles.tell_end("it was started again")
         else:
@@ -67,5 +71,6 @@ class Restart:
 
     def _say(self, words: str) -> None:
         """While it is being started: the session goes on to tell what takes time, as each frame does."""
-        if self.starting:
-            self._viewing.troubles.tell(Trouble(words, lasting=True))
+        with self._changing:
+            if self._starting:
+                self._viewing.troubles.tell(Trouble(words, lasting=True))
