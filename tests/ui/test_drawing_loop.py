@@ -6,7 +6,8 @@ import queue
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from threading import Event
+from typing import Any, NoReturn, cast
 
 import msgspec
 import numpy as np
@@ -33,7 +34,7 @@ from volsplat.client.ui.viewport.viewport_messages import picture_message
 from volsplat.protocol.description.scene import Bounds, Light, PaperStep, Refine, Scene, Shading, Step
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS, same_picture
-from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
 
 PNG = b"\x89PNG"
 SIDE = 400  # pixels: of which half is enough for a smaller image
@@ -45,7 +46,7 @@ class Drawn:
     def __init__(self, session: Session) -> None:
         scene = session.volume.settled(session.default_scene())
         self.session = session
-        self.model = SceneModel(sized(scene, width=SIDE, height=SIDE), session.volume.fitted)
+        self.model = SceneModel(sized(scene, width=SIDE, height=SIDE), session.volume.fitted_to_turn)
         self._pictures: queue.SimpleQueue[Picture | VolsplatError] = queue.SimpleQueue()
         self.loop = DrawingLoop(session, self.model, self._pictures.put, self._pictures.put)
         self.firsts: list[Picture] = []
@@ -222,6 +223,35 @@ def test_the_first_picture_whose_step_is_finished_is_told_once(drawn: Drawn) -> 
     drawn.last()
     (first,) = drawn.firsts
     assert first.complete and first.step == Step.A
+
+
+class Gone:
+    """A session that has ended, and its turns, which hear of that once it is `told`."""
+
+    over = False
+
+    def __init__(self) -> None:
+        self.asked, self.told = Event(), Event()
+
+    def turn(self) -> Gone:
+        return self
+
+    def taken(self, *_: object) -> NoReturn:
+        self.asked.set()
+        assert self.told.wait(PATIENCE)
+        raise PeerLost("gone")
+
+    def end(self) -> None:
+        """Nobody draws in it."""
+
+
+def test_the_end_of_a_session_is_not_told_once_another_one_draws(drawn: Drawn) -> None:
+    gone = Gone()
+    drawn.loop.draw_with(cast(Any, gone))
+    assert gone.asked.wait(PATIENCE)
+    drawn.loop.draw_with(drawn.session)
+    gone.told.set()
+    assert drawn.last()[-1].step is Step.F
 
 
 def test_what_cannot_be_drawn_is_told_and_known_until_the_scene_is_another(drawn: Drawn) -> None:

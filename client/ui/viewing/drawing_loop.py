@@ -35,7 +35,10 @@ NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
 
 
 class DrawingLoop:
-    """Watches `model` and hands pictures to `show` and troubles, in words, to `tell`, both on its own thread."""
+    """Watches `model` and hands pictures to `show` and troubles, in words, to `tell`, both on its own thread.
+
+    `tell` may not wait for what others do with the loop.
+    """
 
     def __init__(
         self,
@@ -107,8 +110,9 @@ class DrawingLoop:
 
     def draw_with(self, session: Session) -> None:
         """Draw the scene anew, by another session of the same volume."""
-        self.session = session
-        self.draw_again()
+        with self._changed:
+            self.session = session
+            self.draw_again()
 
     def draw_again(self) -> None:
         """Draw the scene anew although it is the same, since what holds the volume has changed."""
@@ -141,7 +145,8 @@ class DrawingLoop:
                 self._drawn_revision = state.revision
                 self._drawing = True
                 self._failure = None
-                turn = self.session.turn()
+                session = self.session
+                turn = session.turn()
                 self._refining = turn if state.settled else None
             trouble = self._drawn(state, turn, urgency)
             with self._changed:
@@ -149,10 +154,12 @@ class DrawingLoop:
                 if isinstance(trouble, FrameGivenUp):
                     self._note_lost(state, turn)
                     trouble = None
+                if session is not self.session:  # which draws the scene now
+                    trouble = None
                 self._failure = trouble
                 self._changed.notify_all()
-            if trouble is not None:
-                self._tell(trouble)
+                if trouble is not None:
+                    self._tell(trouble)
 
     def _note_lost(self, state: SceneState, turn: DrawingTurn) -> None:
         """The scene is to be drawn again if others took the session, and not a newer scene the place of this one."""
