@@ -174,9 +174,10 @@ class Coordinator:
         return sum(box.voxels for box in held) == self.holding.description.geometry.box.voxels
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
+        """Whoever hears that what they wait for will not come finds that the session has failed."""
         self.failure = error
         answers = [told for questions in self._questions for told in questions.failed(error)]
-        return [*self.frames.fail(error), *answers, FailSession(error)]
+        return [FailSession(error), *self.frames.fail(error), *answers]
 
     # -- servers come and go
 

@@ -202,6 +202,14 @@ def test_a_lost_splat_server_whom_no_other_follows_fails_the_frame_and_the_sessi
     assert isinstance(again, EndFrame) and again.error is failed.error
 
 
+def test_the_session_has_failed_before_whoever_waits_hears_of_it() -> None:
+    """Else they would take it for what one frame ended by."""
+    coordinator = drawing()
+    assert coordinator.handle(ServerProcessEnded("the splat server ended with status 1")) == []
+    failed, ended = coordinator.handle(ServerLost(SPLAT, GONE))
+    assert isinstance(failed, FailSession) and isinstance(ended, EndFrame)
+
+
 def test_a_server_that_leaves_idle_changes_nothing() -> None:
     coordinator = drawing()
     late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
