@@ -27,7 +27,7 @@ from volsplat.client.ui.tables.tables_panel import tables_panel
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.early_picture import early_picture
-from volsplat.client.ui.viewport.viewport_element import viewport_element
+from volsplat.client.ui.viewport.viewport_element import ViewportElement
 
 
 def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | None = None) -> None:
@@ -57,7 +57,7 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
         with ui.element("aside").classes("vs-left").props("aria-label=scene"):
             scene_panels(viewing)
         with ui.element("section").classes("vs-view").props("aria-label=picture"):
-            viewport_element(viewing.default_scene.view.rotation, viewing.number)
+            ViewportElement(viewing.default_scene.view.rotation, viewing.number)
             ColourBar(viewing)
             PhaseLegend(viewing)
             if opening is not None:
