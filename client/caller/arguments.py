@@ -55,15 +55,15 @@ def checked_steps(steps: Iterable[Step | str], name: str) -> frozenset[Step]:
     return frozenset(checked_step(step, name) for step in each)
 
 
-def checked_thinning(thinning: Thinning, name: str = "thinning") -> Thinning:
+def checked_thinning(thinning: Thinning) -> Thinning:
     """With Python's own numbers. Raises BadInput; whether so much can be left out, the step and the volume decide."""
     if not isinstance(thinning, Thinning):
-        raise BadInput(f"{name} must be a Thinning, as Thinning(octaves=1), not {_shown(thinning)}")
+        raise BadInput(f"thinning must be a Thinning, as Thinning(octaves=1), not {_shown(thinning)}")
     return Thinning(
-        min(checked_place(thinning.octaves, f"{name}.octaves"), MOST_OCTAVES),
-        checked_count(thinning.sheets, f"{name}.sheets"),
-        checked_count(thinning.rows, f"{name}.rows"),
-        checked_number(thinning.frozen_alpha, f"{name}.frozen_alpha", least=0.0),
+        min(checked_place(thinning.octaves, "thinning.octaves"), MOST_OCTAVES),
+        checked_count(thinning.sheets, "thinning.sheets"),
+        checked_count(thinning.rows, "thinning.rows"),
+        checked_number(thinning.frozen_alpha, "thinning.frozen_alpha", least=0.0),
     )
 
 
@@ -91,20 +91,20 @@ def checked_count(value: int, name: str) -> int:
     return number
 
 
-def checked_index(index: Any, name: str = "index") -> Index:
+def checked_index(index: Any) -> Index:
     """The three indices of a voxel. Raises BadInput."""
     own = python_value(index)
     parts = [python_value(part) for part in own] if isinstance(own, list | tuple) else []
     if len(parts) != 3 or not all(map(_is_whole, parts)):
-        raise BadInput(f"{name} must be three whole numbers (i, j, k), not {_shown(index)}")
+        raise BadInput(f"index must be three whole numbers (i, j, k), not {_shown(index)}")
     i, j, k = parts
     return (i, j, k)
 
 
-def checked_axis(value: str, name: str = "axis") -> int:
+def checked_axis(value: str) -> int:
     """The number of a grid axis, told by its letter. Raises BadInput."""
     if not isinstance(value, str) or value not in GRID_AXES:
-        raise BadInput(f"{name} must be one of {', '.join(GRID_AXES)}, not {_shown(value)}")
+        raise BadInput(f"axis must be one of {', '.join(GRID_AXES)}, not {_shown(value)}")
     return GRID_AXES.index(value)
 
 

@@ -18,6 +18,7 @@ DEGREES = ("0°", "90°", "180°", "270°")
 LABEL_SIZE = 0.1  # of the legend's side
 LEAST_LABEL = 9  # pixels
 LEAST_RING = 20  # pixels across, beside degrees
+INK = 0.95  # grey of the degrees
 
 
 def wheel_colours(description: VolumeDescription, scene: Scene) -> tuple[Colour, ...] | None:
@@ -52,7 +53,7 @@ def phase_wheel(colours: tuple[Colour, ...], side: int) -> NDArray[np.float32]:
     return np.dstack((np.array(colours)[sector], alpha)).astype(np.float32)
 
 
-def phase_legend(colours: tuple[Colour, ...], side: int, ink: float = 0.95, paper: float = 0.0) -> NDArray[np.float32]:
+def phase_legend(colours: tuple[Colour, ...], side: int, paper: float = 0.0) -> NDArray[np.float32]:
     """The wheel with its degrees about it, (side, side, 3) float32, 0..1, on a grey `paper`, for a sheet or plate.
 
     Degrees that would leave too little of the wheel are left out.
@@ -77,5 +78,5 @@ def phase_legend(colours: tuple[Colour, ...], side: int, ink: float = 0.95, pape
         strict=True,
     ):
         left, base = place
-        write(canvas, middle - extent(label, text, FONT) // 2 if left is None else left, base, label, text, ink, FONT)
+        write(canvas, middle - extent(label, text, FONT) // 2 if left is None else left, base, label, text, INK, FONT)
     return pixels_of(canvas)

@@ -92,15 +92,15 @@ def shifted(table: Table, by: float) -> Table:
     return _table(table, kept)
 
 
-def simplified(table: Table, bound: float = FREEHAND_BOUND) -> Table:
-    """Fewer points, at some of the 256 entries, such that no channel of any entry changes by more than `bound`."""
+def simplified(table: Table) -> Table:
+    """Fewer points, at some of the 256 entries; no channel of any entry changes by more than FREEHAND_BOUND."""
     entries = [_as_channels(entry) for entry in table.entries()]
     kept = [0, LAST]
     spans = [(0, LAST)]
     while spans:
         first, last = spans.pop()
         worst, off = _worst_between(entries, first, last)
-        if off > bound:
+        if off > FREEHAND_BOUND:
             kept.append(worst)
             spans += [(first, worst), (worst, last)]
     return _table(table, [(n / LAST, entries[n]) for n in sorted(kept)])

@@ -17,7 +17,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
-IMAGES_PER_SECOND = 30.0
+INTERVAL = 1 / 30.0  # seconds between two images while they move
 SMALLER = (0.25, 0.375, 0.5, 0.75)  # images, as shares of the width and of the height
 LEAST_SIDE = 160  # pixels of a smaller image
 LEAST_THINNED_SIDE = 128  # of one in which so much is left out that its pixels hide nothing
@@ -76,8 +76,7 @@ class Pacing:
     each other: the first images after a change of rungs tell them, since the pace is known from just before.
     """
 
-    def __init__(self, images_per_second: float = IMAGES_PER_SECOND) -> None:
-        self._interval = 1 / images_per_second
+    def __init__(self) -> None:
         self._pace: dict[Step, float] = {}
         self._costs: dict[Rung, float] = {}  # that were learnt
         self._drawn: Rung | None = None  # what was measured last,
@@ -140,7 +139,7 @@ class Pacing:
         chosen = rungs[0]
         for place, rung in enumerate(rungs if better else rungs[: drawn + 1]):
             seconds = self.expected(rung)
-            if seconds is not None and seconds <= self._interval * (1.0 if place <= drawn else _MARGIN):
+            if seconds is not None and seconds <= INTERVAL * (1.0 if place <= drawn else _MARGIN):
                 chosen = rung
         return chosen
 

@@ -30,7 +30,7 @@ from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.temporary_folder import temporary_folder
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.rules.refinement import finest_step
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -182,7 +182,6 @@ class MovieJob:
         scenes: Sequence[Scene],
         path: Path,
         rate: int = 30,
-        step: Step = Step.F,
         figure: Figure | None = None,
     ) -> None:
         """Start making it. Raises BadInput if it could not be written to `path`."""
@@ -197,7 +196,7 @@ class MovieJob:
         self._cancelled = threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(
-            target=self._run, args=(renderer, scenes, rate, step, figure), name="movie", daemon=True
+            target=self._run, args=(renderer, scenes, rate, figure), name="movie", daemon=True
         )
         self._thread.start()
 
@@ -219,14 +218,14 @@ class MovieJob:
         """Wait until it is done."""
         self._thread.join()
 
-    def _run(self, renderer: Finisher, scenes: Sequence[Scene], rate: int, step: Step, figure: Figure | None) -> None:
+    def _run(self, renderer: Finisher, scenes: Sequence[Scene], rate: int, figure: Figure | None) -> None:
         from volsplat.client.figure.frame_figure import FrameFigure
         from volsplat.client.movie.movie import MovieCancelled, write_movie
 
         try:
             drawn, cancelled = self._on_progress, self._cancelled.is_set
             about = FrameFigure(figure, scenes, renderer.volume) if figure is not None else None
-            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, step, about)
+            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, figure=about)
             self.whole = True
             self.line = f"{self._frames} images"
         except MovieCancelled:
