@@ -63,7 +63,7 @@ class _JsonLines(logging.Formatter):
         return json.dumps(told)
 
 
-def log_to_stderr(title: str, level: int, form: LogForm = LogForm.TEXT) -> None:
+def log_to_stderr(title: str, level: int, form: LogForm) -> None:
     """Have everything from `level` on logged as `title: message`, or as JSON, and then all that is informative."""
     handler = logging.StreamHandler()
     if form is LogForm.JSON:

@@ -13,7 +13,7 @@ CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
 
 
-def pixel_reach(plan: FramePlan, threads: int = 1) -> PixelReach:
+def pixel_reach(plan: FramePlan, threads: int) -> PixelReach:
     """As so many threads find it. Raises BadInput for a footprint larger than any image."""
     if plan.footprint is not None:
         return footprint_table(plan.footprint, threads)

@@ -45,7 +45,7 @@ from volsplat.protocol.messages.volume_messages import (
     VolumeLent,
     VoxelsPacked,
 )
-from volsplat.protocol.rules.levels import ALL_VOXELS, Resolution, Thinning, own_resolution, resolution_of
+from volsplat.protocol.rules.levels import Resolution, Thinning, own_resolution, resolution_of
 
 
 class VolumeHolding:
@@ -133,7 +133,7 @@ class VolumeHolding:
         self._held = True
         return self._read_sub_cubes()
 
-    def resolution(self, step: Step, striding: bool, thinning: Thinning = ALL_VOXELS) -> Resolution:
+    def resolution(self, step: Step, striding: bool, thinning: Thinning) -> Resolution:
         """What a step draws of the packets that are held."""
         assert self.volume is not None and self.packing is not None
         if self._levels is None:
@@ -212,16 +212,16 @@ class VolumeHolding:
         self._memory.update(memory)
         if self.phase == Phase.READY and self.changes_parts:
             return self._change(boxes)
-        held = self.phase != Phase.EMPTY and self._levels is None and self._held
-        self.boxes.clear()
+        if self.phase != Phase.EMPTY and self._levels is None and self._held:
+            return self._read_sub_cubes(boxes)
         self.boxes.update(boxes)
-        return self._read_sub_cubes() if held else []
+        return []
 
     def _change(self, boxes: Mapping[int, list[Box]]) -> list[Instruction]:
         assert self.packing is not None
         if self._levels is not None:
             return self._open_packets(self._levels, self.packing, boxes)
-        self._begin_assignment(boxes)
+        self._begin_assignment(boxes, moving=True)
         self.phase = Phase.PACKING
         identity, quantisation = self._known.identity, self.packing.quantisation
         changes = (
@@ -274,13 +274,13 @@ class VolumeHolding:
         self._go_on()
         return first
 
-    def _begin_assignment(self, boxes: Mapping[int, list[Box]] | None = None) -> None:
-        """Of these boxes, or of those that the servers have."""
+    def _begin_assignment(self, boxes: Mapping[int, list[Box]] | None, moving: bool = False) -> None:
+        """Of these boxes, or of those that the servers have. Nobody waits for packets that are `moving`."""
         if self.phase == Phase.READY:
             before: Held | None = Held(self.assignment, self.packing, dict(self.boxes))
         else:
             before = None if self.phase == Phase.EMPTY else NOTHING
-        self.assignments.begin(before, moving=boxes is not None)
+        self.assignments.begin(before, moving)
         self.boxes.update(boxes or {})
         self._pending = set(self.boxes)
 
@@ -319,14 +319,15 @@ class VolumeHolding:
     def _open_packets(
         self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, list[Box]] | None = None
     ) -> list[Instruction]:
-        self._begin_assignment(boxes)
+        self._begin_assignment(boxes, moving=boxes is not None)
         self.phase = Phase.PACKING
         self.packing, opened = levels.open(packing, self.assignment, self._path, self._known.identity, self.boxes)
         return opened
 
-    def _read_sub_cubes(self) -> list[Instruction]:
+    def _read_sub_cubes(self, boxes: Mapping[int, list[Box]] | None = None) -> list[Instruction]:
+        """Of these boxes, or of those that the servers have."""
         description, identity = self._known.description, self._known.identity
-        self._begin_assignment()
+        self._begin_assignment(boxes)
         self.phase = Phase.READING
         self._lending = None
         said = f"reading the volume as {len(self.boxes)} sub-cubes" if len(self.boxes) > 1 else "reading the volume"
@@ -334,9 +335,9 @@ class VolumeHolding:
             self._lending = Lending(self.assignment, self._path, identity, self.boxes, description)
             return [ReportProgress(f"{said}, by one server for all"), *self._lending.begin()]
         read: list[Instruction] = []
-        for worker, boxes in self.boxes.items():
+        for worker, held in self.boxes.items():
             ask = ReadSubCubes(
-                assignment=self.assignment, path=self._path, boxes=boxes, identity=identity, held=self._held
+                assignment=self.assignment, path=self._path, boxes=held, identity=identity, held=self._held
             )
             read.append(Send(worker, ask))
         return [ReportProgress(said), *read]

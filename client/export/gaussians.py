@@ -39,9 +39,9 @@ def write_gaussians(
     single: SingleProcess,
     scene: Scene,
     path: Path,
-    every: int = 1,
-    light: Light = "viewer",
-    on_progress: Callable[[float], None] = lambda share: None,
+    every: int,
+    light: Light,
+    on_progress: Callable[[float], None],
 ) -> int:
     """Write a .ply file; how many Gaussians it holds. Raises BadInput if there are none, or too many.
 

@@ -49,13 +49,13 @@ def write_mesh(
     single: SingleProcess,
     scene: Scene,
     path: Path,
-    level: float | None = None,
-    every: int = 1,
-    on_progress: Callable[[float], None] = lambda share: None,
+    level: float | None,
+    every: int,
+    on_progress: Callable[[float], None],
 ) -> Written:
     """Write a .stl, .glb or .obj file. Raises BadInput if no surface has this level, in the volume's own units.
 
-    By default it is where the table of opacities rises through half of its greatest rise.
+    Without one it is where the table of opacities rises through half of its greatest rise.
     """
     need_mesh()
     with interrupts_held(on_signal=lambda: None):  # what these catch while they load can be a KeyboardInterrupt

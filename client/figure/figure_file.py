@@ -30,7 +30,7 @@ def write_picture(
     picture: NDArray[np.float32],
     scene: Scene,
     volume: SurveyedVolume,
-    figure: Figure | None = None,
+    figure: Figure | None,
 ) -> None:
     """Write a finished picture of the scene, (H, W, 4) float32 with associated alpha; as a figure if there is one.
 

@@ -82,7 +82,7 @@ def draw_gallery(
     opened: Opened,
     say: Callable[[str], None],
     done: Callable[[int], None],
-    last: Step = Step.F,
+    last: Step,
 ) -> None:
     """Write the sixteen images, square with so many pixels aside, and the four sheets.
 

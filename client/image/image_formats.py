@@ -25,7 +25,7 @@ def check_writable(path: Path) -> None:
     check_place(path)
 
 
-def check_picture_writable(path: Path, transparent: bool = False) -> None:
+def check_picture_writable(path: Path, transparent: bool) -> None:
     """As check_writable, with the formats that a figure may have besides, and of a kind that can be transparent."""
     kind = path.suffix.lower()
     if kind not in VECTOR_FORMATS:

@@ -81,7 +81,7 @@ class AskedFrames:
             self._changed.notify_all()
             return self._newest - 1
 
-    def begin_turn(self, turn: Turn, urgency: Urgency, lost_at: float | None = None) -> None:
+    def begin_turn(self, turn: Turn, urgency: Urgency, lost_at: float | None) -> None:
         """Wait until it may have the session; `lost_at` as in `ask`, of turns of the same viewer before.
 
         Raises FrameGivenUp if it is over before, and what ended the session.

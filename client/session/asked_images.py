@@ -38,9 +38,7 @@ class AskedImages:
     What viewers of the session draw in turn takes no script's place, and never ends what a script asked for.
     """
 
-    def __init__(
-        self, coordination: Coordination, session: str, counts: Counts, tracer: FrameTracer | None = None
-    ) -> None:
+    def __init__(self, coordination: Coordination, session: str, counts: Counts, tracer: FrameTracer | None) -> None:
         """`session` is its name in logs."""
         self._coordination = coordination
         self._session = session

@@ -58,9 +58,9 @@ class ServerLinks:
         newest_frame: Callable[[], int],
         silence: float,
         encryption: Encryption,
-        replaces: bool = False,
-        tracer: FrameTracer | None = None,
-        counts: Counts | None = None,
+        replaces: bool,
+        tracer: FrameTracer | None,
+        counts: Counts,
     ) -> None:
         """`newest_frame` is the number of the frame that is waited for.
 
@@ -71,7 +71,7 @@ class ServerLinks:
         self._newest_frame = newest_frame
         self._replaces = replaces
         self._tracer = tracer
-        self._counts = counts or Counts()
+        self._counts = counts
         self._closing = False
         self.session = secrets.token_hex(4)  # as logs name it, of all processes
         self.token = token

@@ -11,7 +11,7 @@ from volsplat.client.volume.volume_info import PERCENTILES, TitledPart
 from volsplat.protocol.rules.index_rules import percentiles
 
 
-def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart] = ()) -> dict[str, Any]:
+def volume_facts(known: SurveyedVolume, parts: Sequence[TitledPart]) -> dict[str, Any]:
     """Plain values, as JSON has them. Where no voxel has a value, `range`, `percentiles` and `histogram` are null."""
     told, survey = known.description, known.survey
     geometry, empty = told.geometry, survey.low > survey.high

@@ -78,8 +78,8 @@ def connect(
 def patiently(
     attempt: Callable[[], Connection],
     patience: float,
-    report: Callable[[PeerLost], None] = _unheard,
-    given_up: Callable[[], bool] = lambda: False,
+    report: Callable[[PeerLost], None],
+    given_up: Callable[[], bool],
 ) -> Connection:
     """What comes of the first attempt that meets no PeerLost; it is made again and again for `patience` seconds.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from nicegui import ui
@@ -21,11 +20,10 @@ from volsplat.protocol.rules.footprint_shape import kernel_radius
 
 # The number that a word stands for, of keys with a slider.
 MEANT_NUMBERS = {"reconstruction.radius": lambda scene: kernel_radius(scene.reconstruction)}
-NONE_REFUSED: Mapping[Any, str] = MappingProxyType({})
 NARROW = 7  # letters of a label that leaves more room to what stands beside it
 
 
-def key_control(editor: SceneEditor, key: SceneKey, refused: Mapping[Any, str] = NONE_REFUSED) -> None:
+def key_control(editor: SceneEditor, key: SceneKey, refused: Mapping[Any, str]) -> None:
     """Build it where the page is being built. Buttons of values that are `refused` are off, and tell why."""
     match key.widget:
         case Switch(label, tip):

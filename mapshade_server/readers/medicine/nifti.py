@@ -45,7 +45,7 @@ def recognises(head: bytes) -> bool:
     return head[344:348] in MAGICS[1] or head[4:12] in MAGICS[2]
 
 
-def open_nifti(path: Path, part: str = "") -> OpenedVolume:
+def open_nifti(path: Path, part: str) -> OpenedVolume:
     """The reader for a NIfTI file, and the frame of it that is named if there are several.
 
     Values are scaled by the header's slope and intercept, as float32 or float64. Raises BadInput if the header cannot
