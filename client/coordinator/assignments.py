@@ -52,13 +52,15 @@ class Assignments:
         """Nobody gets anything."""
         self._refusals = dict.fromkeys(servers, held)
 
-    def end_refused(self, servers: Iterable[int]) -> Held:
-        """What all of these servers still hold, which is held again."""
-        before, there = self._before, set(servers)
-        kept = before.assignment and all(self._refusals.get(server) == before.assignment for server in there)
-        if self.moving and there != before.boxes.keys():
-            kept = False  # what a lost one was to hold is held by nobody else
+    def end_refused(self, boxes: Mapping[int, list[Box]]) -> Held:
+        """What all servers that were to hold these boxes still hold, which is held again."""
+        before = self._before
+        kept = before.assignment and all(self._refusals.get(server) == before.assignment for server in boxes)
+        others = any(before.boxes.get(server) != held for server, held in boxes.items())
+        if others and boxes.keys() != before.boxes.keys():
+            kept = False  # what a lost or new one was to hold is held by nobody else
         if not kept:
             return NOTHING
         self.current = before.assignment
+        self.may_move = self.may_move and not others
         return before

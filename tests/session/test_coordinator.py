@@ -1014,8 +1014,8 @@ def test_a_single_server_reads_for_itself() -> None:
     assert (FIRST, messages.ReadSubCubes) in sent(told)
 
 
-def lending_again() -> CheckedCoordinator:
-    """The volume was drawn once and is read again for another window."""
+def lent() -> CheckedCoordinator:
+    """All have their parts and draw."""
     coordinator = lending()
     for server in (FIRST, SECOND, THIRD):
         coordinator.handle(read_by(coordinator, server))
@@ -1024,6 +1024,12 @@ def lending_again() -> CheckedCoordinator:
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=False))
     for server in (FIRST, SECOND, THIRD):
         coordinator.handle(said(server, messages.VoxelsPacked(1, 0, 0.1)))
+    return coordinator
+
+
+def lending_again() -> CheckedCoordinator:
+    """The volume was drawn once and is read again for another window."""
+    coordinator = lent()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
     told = coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=False))
     assert sent(told)[-1] == (FIRST, messages.LendVolume)
@@ -1066,6 +1072,35 @@ def test_when_all_are_lost_while_one_lends_another_one_reads_all() -> None:
     assert coordinator.holding.boxes == {9: [ALL]}
     asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))
     assert (9, messages.ReadSubCubes) in sent(asked)
+
+
+def test_what_was_lost_of_a_volume_that_nobody_can_read_again_is_missing() -> None:
+    coordinator = lent()
+    finished(coordinator, 1, [FIRST, SECOND, THIRD])
+    lost = tuple(coordinator.holding.boxes[THIRD])
+    told = coordinator.handle(ServerLost(THIRD, GONE))
+    assert (FIRST, messages.LendVolume) in sent(told)
+    coordinator.handle(said(FIRST, messages.Refused("LendVolume", "no such file", assignment=2, held=1)))
+    assert coordinator.servers.missing == lost
+    assert "are missing" in ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True)))
+    coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
+    left = finished(coordinator, 3, [FIRST, SECOND])
+    assert left.outcome is not None and left.outcome.missing == lost and not left.outcome.healing
+
+
+def test_a_new_server_that_nobody_lends_to_is_not_taken_to_hold_a_part() -> None:
+    coordinator = lent()
+    for event in joins(replace(LATE, server=9)):
+        coordinator.handle(event)
+    finished(coordinator, 1, [FIRST, SECOND, THIRD])
+    told = coordinator.handle(ServerLost(THIRD, GONE))
+    assert (FIRST, messages.LendVolume) in sent(told) and 9 in coordinator.holding.boxes
+    for frame in (2, 3, 4):
+        newest = coordinator.holding.assignments.newest
+        refused = said(FIRST, messages.Refused("LendVolume", "no such file", assignment=newest, held=1))
+        coordinator.handle(refused)
+        asked = coordinator.handle(FrameAsked(frame, SCENE, Step.F, require_complete=False))
+        assert sent(asked) == [(FIRST, messages.LendVolume)], "nothing is drawn before it is read"
 
 
 # -- a prepared volume: 64 x 64 x 64 voxels and two coarser levels

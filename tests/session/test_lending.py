@@ -1,6 +1,7 @@
 """A volume that only comes whole: one map/shade server reads it, and the others get theirs from it."""
 
 import gzip
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -12,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.head_volume import SIZE, skin
+from support.patience import wait_until
 from support.programs.hand_started import joined_by_hand
 from support.programs.server_processes import is_server
 from volsplat.client import Session
@@ -21,9 +23,10 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, lent
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import HALO, Box, Geometry, VolumeDescription
 from volsplat.protocol.messages.messages import AwaitParts, VolumePart
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 WORKERS = 3
 NAME = "head.nrrd"
@@ -74,6 +77,31 @@ def test_whoever_is_lost_while_it_is_read_again_the_others_hold_all_of_it(zipped
         (lost,) = [server for server in session.servers if server.lost]
         assert lost.handed_over and last.outcome.servers.missing == ()
         assert torch.equal(last.image, single.render(other))
+
+
+def test_no_image_is_whole_without_what_nobody_can_read_again(zipped: Path, tmp_path: Path) -> None:
+    volume, away = tmp_path / NAME, tmp_path / "away"
+    shutil.copy(zipped, volume)
+    with Session(volume, workers=WORKERS) as session:
+        scene = skin(session)
+        whole = session.render(scene)
+        processes = [psutil.Process(pid) for pid in session.server_processes]
+        volume.rename(away)
+        next(process for process in processes if is_server(process, "mapshade_server")).kill()
+        wait_until(lambda: any(server.lost for server in session.servers), "is the loss known")
+        for _ in range(3):
+            with pytest.raises(VolsplatError, match="no such file|are missing"):
+                session.render(scene)
+        away.rename(volume)
+        wait_until(lambda: image_of(session, scene) is not None, "is it drawn again")
+        assert torch.equal(session.render(scene), whole)
+
+
+def image_of(session: Session, scene: Scene) -> torch.Tensor | None:
+    try:
+        return session.render(scene)
+    except VolsplatError:
+        return None
 
 
 # -- the parts
