@@ -171,7 +171,8 @@ class Motion:
     def _made_ready(self, scene: Scene, known: SurveyedVolume) -> Scene:
         from volsplat.client.figure.layout import sized  # when every server works
 
-        settled = known.settled(scene if self.figure is None else sized(self.figure, scene, known, self.in_turn))
+        ready = scene if self.figure is None else sized(self.figure, scene, known, self.in_turn)
+        settled = known.settled(known.fitted_to_turn(ready))
         return known.windowed(settled) if self.in_turn else settled
 
 

@@ -13,11 +13,18 @@ from volsplat.client.scene.default_scene import default_scene, is_shown_as_label
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.up_guess import StandsUp, stands_up
-from volsplat.client.volume.visible_part import Ball, fitting_view, visible_ball
+from volsplat.client.volume.visible_part import (
+    Extent,
+    Points,
+    extent_from,
+    extent_in_a_turn,
+    fitting_view,
+    visible_points,
+)
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS
 from volsplat.protocol.description.patches import Plane, colourless
-from volsplat.protocol.description.scene import ColourTable, Quantise, Scene, Step
+from volsplat.protocol.description.scene import ColourTable, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules import index_rules
@@ -143,34 +150,38 @@ class SurveyedVolume:
     def settled(self, scene: Scene) -> Scene:
         """The scene with numbers for all that its view leaves to the volume: up, and zoom and centre of a fit.
 
-        What does not fit the volume is left for whoever plans the frame.
+        What is seen fills a still. What does not fit the volume is left for whoever plans the frame.
         """
         view = msgspec.structs.replace(scene.view, up=self.up_in(scene))
-        return self.fitted(msgspec.structs.replace(scene, view=view))
+        return self._fitted(msgspec.structs.replace(scene, view=view), extent_from)
 
     def up_in(self, scene: Scene) -> Up:
         """The physical axis that the scene has up."""
         return self.stands_up.up if scene.view.up == "auto" else scene.view.up
 
-    def fitted(self, scene: Scene) -> Scene:
+    def fitted_to_turn(self, scene: Scene) -> Scene:
         """The scene with numbers for the zoom and centre of a fit, which hold however it is turned."""
+        return self._fitted(scene, extent_in_a_turn)
+
+    def _fitted(self, scene: Scene, extent_of: Callable[[View, Geometry, Points], Extent]) -> Scene:
         if scene.view.zoom != "fit":
             return scene
         try:
-            ball = self._visible_ball(_deciding_visibility(scene), self.quantisation(scene.quantise))
+            points = self._visible_points(_deciding_visibility(scene), self.quantisation(scene.quantise))
         except ValueError:  # bounds that the volume does not have
             return scene
-        zoom, center = fitting_view(scene, self.description.geometry, ball)
+        geometry = self.description.geometry
+        zoom, center = fitting_view(scene, geometry, extent_of(scene.view, geometry, points))
         return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom, center=center))
 
     @cached_property
-    def _visible_ball(self) -> Callable[[Scene, Quantisation], Ball]:
+    def _visible_points(self) -> Callable[[Scene, Quantisation], Points]:
         """Remembered, since the frames of a refinement, and a scene that is turned, have the same.
 
         No function that is remembered refers to this volume: it goes at once, and not when the collector next runs.
         """
         geometry, extremes = self.description.geometry, self.extremes
-        return lru_cache(REMEMBERED)(lambda scene, rules: visible_ball(scene, geometry, rules, extremes))
+        return lru_cache(REMEMBERED)(lambda scene, rules: visible_points(scene, geometry, rules, extremes))
 
     @property
     def has_values(self) -> bool:
@@ -256,7 +267,6 @@ def _deciding_visibility(scene: Scene) -> Scene:
         plane=Plane(patches=colourless(scene.plane.patches)),
         cross_bar=msgspec.structs.replace(plain.cross_bar, opac=scene.cross_bar.opac, modu=scene.cross_bar.modu),
         shading=msgspec.structs.replace(plain.shading, modulation=scene.shading.modulation),
-        view=msgspec.structs.replace(plain.view, center=scene.view.center),
         bounds=scene.bounds,
         image=msgspec.structs.replace(plain.image, edges=scene.image.edges),
         quantise=scene.quantise,

@@ -2,8 +2,8 @@
 
 Known by blocks (protocol/description/block_extremes.py): one is visible if the opacities of the densities between its
 least and its greatest value are. What little lies about the rest does not count: noise, and faint sheets and threads,
-such as a scanner's headrest. That part fits by a ball about the middle of its box: it has the image's middle, and stays
-in the image however it is turned.
+such as a scanner's headrest. Of a still its outline fills the image; of what turns the ball about the middle of its box
+does, which is the same from each side.
 """
 
 import math
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.resolved_view import FIT_FRACTION, resolved_bounds
+from volsplat.protocol.rules.resolved_view import FIT_FRACTION, resolved_bounds, screen_rotation
 
 FAINT = 0.01  # opacity: less is hardly seen
 FAINT_SHARE = 0.1  # of the greatest opacity: nor is less than that, in a scene that is faint altogether
@@ -32,34 +32,68 @@ SOLID_SHARE = 0.25  # of what the block shows that shows most: at least as much 
 NEAR = 2  # blocks: so near to one with visible ones all around it is no thin sheet or thread, but its rim
 ASIDE = 0.01  # of all that blocks show: so much that is faint and thin may be what lies about, and is left out
 
+OUTLINE_FRACTION = 0.94  # of the image's width or height, for the outline of a still
+
 Blocks = NDArray[np.bool_]  # (k, j, i)
 Points = NDArray[np.float64]  # (n, 3)
 Indices = NDArray[np.int64]  # (n, 3) of i, j, k
 CORNERS = np.array(list(product((0, 1), repeat=3)))  # of a box: whether each is at its end along i, j, k
 
 
-class Ball(NamedTuple):
+class Extent(NamedTuple):
+    """What is to fill the image: its middle, physical, how far it reaches from there, and how much it is to fill."""
+
     centre: Vector
-    radius: float
+    across: float
+    upwards: float
+    fraction: float
 
 
-def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, Vector]:
-    """Zoom and centre at which a ball of voxel centres, with their footprints, just fits into the scene's image."""
-    half = FIT_FRACTION * min(scene.image.width, scene.image.height) / 2
+def fitting_view(scene: Scene, geometry: Geometry, extent: Extent) -> tuple[float, Vector]:
+    """Zoom and centre at which voxel centres of this extent, with their footprints, just fit into the scene's image."""
     radius = scene.reconstruction.radius
     footprint = DEFAULT_RADIUS[scene.reconstruction.kernel] if radius == "default" else radius
     voxel = _longest_step(geometry)
-    scale = half / (ball.radius + footprint * voxel)  # pixels per unit of length
-    if scale * voxel < 1.0 and half > footprint and ball.radius > 0.0:  # footprints are then widened to pixels
-        scale = min(scale, (half - footprint) / ball.radius)
-    zoom = allowed_zoom(scale * geometry.reference_spacing)
-    return zoom, matrices.applied(matrices.inverse(geometry.index_to_physical), ball.centre)
+
+    def scale(side: int, reach: float) -> float:
+        """Pixels per unit of length."""
+        half = extent.fraction * side / 2
+        scale = half / (reach + footprint * voxel)
+        if scale * voxel < 1.0 and half > footprint and reach > 0.0:  # footprints are then widened to pixels
+            scale = min(scale, (half - footprint) / reach)
+        return scale
+
+    least = min(scale(scene.image.width, extent.across), scale(scene.image.height, extent.upwards))
+    zoom = allowed_zoom(least * geometry.reference_spacing)
+    return zoom, matrices.applied(matrices.inverse(geometry.index_to_physical), extent.centre)
 
 
-def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, extremes: BlockExtremes) -> Ball:
-    """The physical ball of the visible voxels' centres, about the middle of their box or the view's centre if given.
+def extent_from(view: View, geometry: Geometry, points: Points) -> Extent:
+    """Of these points as they are seen: the outline's."""
+    rotation = np.array(screen_rotation(view))
+    seen: Points = points @ rotation.T
+    if view.center == "middle":
+        centre = _vector(_middle(seen) @ rotation)
+    else:
+        centre = matrices.applied(geometry.index_to_physical, view.center)
+    across, upwards, _ = np.abs(seen - rotation @ centre).max(axis=0).tolist()
+    return Extent(centre, across, upwards, OUTLINE_FRACTION)
 
-    It lies relative to the centre of voxel (0, 0, 0): with an origin far away added, places would be rounded.
+
+def extent_in_a_turn(view: View, geometry: Geometry, points: Points) -> Extent:
+    """Of these points from each side: the ball's about the middle of their box, or about the view's centre if given."""
+    if view.center == "middle":
+        centre = _vector(_middle(points))
+    else:
+        centre = matrices.applied(geometry.index_to_physical, view.center)
+    reach = _reach(centre, points)
+    return Extent(centre, reach, reach, FIT_FRACTION)
+
+
+def visible_points(scene: Scene, geometry: Geometry, quantisation: Quantisation, extremes: BlockExtremes) -> Points:
+    """Corners of boxes about the visible voxels' centres, physical, none of which lies outside of all boxes.
+
+    They lie relative to the centre of voxel (0, 0, 0): with an origin far away added, places would be rounded.
     Where nothing is visible, of all within the bounds; white edges are visible, too. Raises ValueError for bounds
     that the volume does not have.
     """
@@ -69,12 +103,7 @@ def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, e
     corners = _corners(first, blocks, geometry.dims, bounds) if blocks.any() else _corners_of(*_lone(bounds))
     if scene.image.edges:
         corners = np.concatenate((corners, _corners_of(*_lone(geometry.box))))
-    points = _physical(geometry, corners)
-    if scene.view.center == "middle":
-        centre = _vector((points.min(axis=0) + points.max(axis=0)) / 2)
-    else:
-        centre = matrices.applied(geometry.index_to_physical, scene.view.center)
-    return Ball(centre, _reach(centre, points))
+    return _physical(geometry, corners)
 
 
 def _longest_step(geometry: Geometry) -> float:
@@ -144,6 +173,12 @@ def _reach(centre: Vector, points: Points) -> float:
     off: Points = points - centre
     x, y, z = off.T
     return math.sqrt((x * x + y * y + z * z).max())
+
+
+def _middle(points: Points) -> NDArray[np.float64]:
+    """Of the box about them."""
+    middle: NDArray[np.float64] = (points.min(axis=0) + points.max(axis=0)) / 2
+    return middle
 
 
 def _vector(point: NDArray[np.float64]) -> Vector:

@@ -296,8 +296,8 @@ class View(Part, frozen=True):
     zoom: Annotated[
         float | Literal["fit"],
         Key(
-            "The reference spacing is the cube root of a voxel's volume. Fit shows all that is visible under the"
-            " tables\nand bounds, from whichever side: the ball about the middle of its box fills the image.",
+            "The reference spacing is the cube root of a voxel's volume. Fit shows all that is visible under the\n"
+            "tables and bounds: its outline fills a still; on the page and in movies, which turn, a ball does.",
             PartOf("moves"),
             Limits(LEAST_ZOOM, GREATEST_ZOOM),
             "pixels per voxel",

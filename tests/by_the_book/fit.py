@@ -18,8 +18,12 @@ def fitted(
     radius: float,
     size: tuple[int, int],
     edges: bool,
+    seen: Array | None,
 ) -> tuple[float, Array]:
-    """Zoom and centre; `opacity` is that of each density, `values` are (k, j, i)."""
+    """Zoom and centre; `opacity` is that of each density, `values` are (k, j, i).
+
+    `seen` has the screen's axes of a still as rows; it is None of what turns.
+    """
     dims = np.array(values.shape[::-1])
     block = -(-dims // 32)
     kept = _kept(_shown(values, window, opacity, block, bounds))
@@ -31,14 +35,22 @@ def fitted(
     if edges:
         corners += product(*zip((0, 0, 0), dims - 1, strict=True))
     points = np.array(corners, dtype=float) @ to_physical.T
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    reach = np.linalg.norm(points - middle, axis=1).max()
-    h, b = abs(np.linalg.det(to_physical)) ** (1 / 3), 0.98 * min(size) / 2
+    if seen is None:
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        reaches = [np.linalg.norm(points - middle, axis=1).max()] * 2
+    else:
+        middle = seen.T @ ((points @ seen.T).min(axis=0) + (points @ seen.T).max(axis=0)) / 2
+        reaches = list(abs((points - middle) @ seen.T).max(axis=0)[:2])
+    h = abs(np.linalg.det(to_physical)) ** (1 / 3)
     sums = abs(to_physical)
     longest = np.sqrt(sums.sum(axis=1).max() * sums.sum(axis=0).max())
-    z = h * b / (reach + radius * longest)
-    if z * longest < h and b > radius and reach > 0:
-        z = min(z, h * (b - radius) / reach)
+    z = np.inf
+    for side, reach in zip(size, reaches, strict=True):
+        b = (0.98 if seen is None else 0.94) * side / 2
+        one = h * b / (reach + radius * longest)
+        if one * longest < h and b > radius and reach > 0:
+            one = min(one, h * (b - radius) / reach)
+        z = min(z, one)
     return float(min(max(z, 1 / 64), 256.0)), np.linalg.inv(to_physical) @ middle
 
 

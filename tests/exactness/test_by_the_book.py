@@ -40,7 +40,7 @@ from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
 from volsplat.protocol.rules.footprint_shape import kernel_radius
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.refinement import active_shading
-from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center
+from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, screen_rotation
 from volsplat.protocol.rules.shading_rule import BLACK
 
 MATRICES: dict[str, Matrix] = {
@@ -207,15 +207,17 @@ def test_it_suffices_for_a_fit(tmp_path: Path) -> None:
                 bounds=bounds,
                 image=Image(width=side, height=side + 30, edges=edges),
             )
-            view = single.volume.fitted(one).view
-            zoom, center = fitted(
-                values.numpy(),
-                np.array(geometry.index_to_physical),
-                window,
-                table(opac),
-                resolved_bounds(one, geometry),
-                kernel_radius(one.reconstruction),
-                (side, side + 30),
-                edges,
-            )
-            assert (view.zoom, *view.center) == pytest.approx((zoom, *center), rel=FIT)
+            for still in (True, False):
+                view = (single.volume.settled if still else single.volume.fitted_to_turn)(one).view
+                zoom, center = fitted(
+                    values.numpy(),
+                    np.array(geometry.index_to_physical),
+                    window,
+                    table(opac),
+                    resolved_bounds(one, geometry),
+                    kernel_radius(one.reconstruction),
+                    (side, side + 30),
+                    edges,
+                    np.array(screen_rotation(view)) if still else None,
+                )
+                assert (view.zoom, *view.center) == pytest.approx((zoom, *center), rel=FIT)

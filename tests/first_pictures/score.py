@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 SEEN = 0.03  # difference of a channel to the background, of which an eye sees something
 LEAST_COVER = 0.04  # a long molecule has a tenth
-LEAST_LONGER_SIDE, MOST_LONGER_SIDE = 0.53, 0.97  # a fit is for all sides, so a cube from the front has 0.57
+LEAST_LONGER_SIDE, MOST_LONGER_SIDE = 0.75, 0.97  # of an outline in blocks, some of which show next to nothing
 VARIED = 2 / 255  # a difference between neighbours that is no plain face
 LEAST_VARIED = 0.5
 WHITE = 0.99

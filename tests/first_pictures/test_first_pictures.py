@@ -26,7 +26,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene
 
 SIDE = 128  # pixels
-AIMED_LONGER_SIDE = 0.7  # of half of all pictures
+AIMED_LONGER_SIDE = 0.9  # of half of all pictures
 
 pytestmark = pytest.mark.filterwarnings("ignore::volsplat.client.memory.array_volume.OrientationUnknown")
 

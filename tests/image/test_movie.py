@@ -373,7 +373,7 @@ def test_the_command_goes_from_key_to_key(person: Person, head: Path, single: Si
     done = person.runs("movie", str(head), "-o", "keys", "--frames", "3", "--single", *keys)
     assert done.returncode == 0, done.stderr
     shown = [read_scene(path) for path in sorted((person.folder / "keys").iterdir())]
-    assert shown[0] == single.volume.settled(first)
+    assert shown[0] == single.volume.settled(single.volume.fitted_to_turn(first))
     assert shown[2].view.zoom == 3.0
     assert isinstance(shown[1].view.zoom, float)
 

@@ -55,7 +55,8 @@ def test_each_volume_is_shown_in_its_turn_with_the_window_and_view_of_the_first(
     assert len(images) == STEPS
     scenes = [read_scene(image) for image in images]
     with SingleProcess(str(person.folder / series[0])) as first:
-        chosen = first.volume.windowed(first.volume.settled(sized(first.volume.default_scene(), scenes[0])))
+        fitted = first.volume.fitted_to_turn(sized(first.volume.default_scene(), scenes[0]))
+        chosen = first.volume.windowed(first.volume.settled(fitted))
     assert scenes == [chosen] * STEPS
     for image, volume in zip(images, series, strict=True):
         with SingleProcess(str(person.folder / volume)) as single:

@@ -87,7 +87,7 @@ class MovieDialog:
         width, height = _whole(self._width, PIXELS), _whole(self._height, PIXELS)
 
         def made_ready(scene: Scene) -> Scene:
-            return sized(volume.settled(scene), width=width, height=height)
+            return sized(volume.settled(volume.fitted_to_turn(scene)), width=width, height=height)
 
         if self._path.value == TURNTABLE:
             return turntable(made_ready(self._viewing.model.scene), geometry, frames)

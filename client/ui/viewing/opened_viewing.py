@@ -17,7 +17,7 @@ def opened_viewing(session: Session, scene: Scene, cure: str = BY_HAND) -> Viewi
     """Everything that a page needs; the drawing loop is not started yet. `cure` is that of a session that has ended."""
     pictures: Feed[Picture] = Feed()
     troubles = Troubles()
-    model = SceneModel(scene, session.volume.fitted)
+    model = SceneModel(scene, session.volume.fitted_to_turn)
 
     def tell(error: VolsplatError) -> None:
         if loop.session is viewing.session:  # else another one is being opened in its place

@@ -100,7 +100,7 @@ class ViewportTalk:
         """Found out anew at every movement of the hand, it would delay the picture."""
         if not state.settled:
             return None
-        view = self._viewing.volume.fitted(asking_for_fit(state.scene)).view
+        view = self._viewing.volume.fitted_to_turn(asking_for_fit(state.scene)).view
         if isinstance(view.zoom, str) or isinstance(view.center, str):  # the volume has no such bounds
             return None
         return said.Fit(view.zoom, view.center)

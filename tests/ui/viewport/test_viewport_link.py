@@ -60,7 +60,7 @@ def test_a_still_image_refines_through_the_steps_to_a_lossless_one(view: Viewed,
     assert numbers == sorted(set(numbers))
     with SingleProcess(volume) as single:
         first = msgspec.structs.replace(single.volume.default_scene(), refine=Refine(lit_from=PaperStep.C))
-        scene = sized(single.volume.fitted(first), width=SIDE + 7, height=SIDE)
+        scene = sized(single.volume.fitted_to_turn(first), width=SIDE + 7, height=SIDE)
         expected = coded(single.finish(scene).published.pixels, scene.image.background)
     assert shown[-1].data.startswith(b"\x89PNG")
     assert torch.equal(pixels(shown[-1]), torch.from_numpy(expected))
