@@ -222,6 +222,16 @@ class ServerLinks:
         except RuntimeError as error:  # likewise
             self._drop(connection, error)
             return
+        by_hand = not (self._replaces or self._local.has(peer.name))
+        self._take_in(connection, outgoing, by_hand)
+        cause = self._heard_until_lost(connection, heard)
+        self._let_go(peer, outgoing, cause)
+        if by_hand and not self._closing:
+            self._wait_for_another(peer, cause)
+
+    def _take_in(self, connection: Connection, outgoing: Outgoing, by_hand: bool) -> None:
+        """A server has joined."""
+        peer = connection.peer
         with self._lock:
             self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
             if peer.role is Role.SPLAT_SERVER:
@@ -231,7 +241,6 @@ class ServerLinks:
         self._log("server_joined", f"{peer} has joined", peer)
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
-        by_hand = not (self._replaces or self._local.has(peer.name))
         joined = ServerJoined(
             peer.id,
             peer.role,
@@ -250,7 +259,9 @@ class ServerLinks:
         if not connection.may_share_memory:  # no network swallows what is sent within a machine
             connection.lose_after(UNTAKEN * self._heartbeat.silence)
         self._heartbeat.keep(connection, lambda: self._heartbeat.silence)
-        cause = self._heard_until_lost(connection, heard)
+
+    def _let_go(self, peer: Peer, outgoing: Outgoing, cause: str) -> None:
+        """A server is lost."""
         if peer.id not in self._leaving:  # who leaves ends by itself
             self._local.end(peer.name)
         with self._lock:
@@ -264,8 +275,6 @@ class ServerLinks:
         if not (self._closing or peer.id in self._leaving):
             self._counts.add("losses", of=str(peer.role))
         self._on_event(ServerLost(peer.id, cause))
-        if by_hand and not self._closing:
-            self._wait_for_another(peer, cause)
 
     def _wait_for_another(self, lost: Peer, cause: str) -> None:
         """Of its role, if there is none; whoever starts servers by hand, or a network that was cut, takes a while."""
