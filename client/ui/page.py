@@ -18,7 +18,7 @@ from volsplat.client.ui.panels.panel_widths import PanelWidths
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
-from volsplat.client.ui.panels.servers_panel import servers_panel
+from volsplat.client.ui.panels.servers_panel import ServersPanel
 from volsplat.client.ui.panels.skip_links import skip_links
 from volsplat.client.ui.panels.start_again import StartAgain
 from volsplat.client.ui.panels.steps_bar import steps_bar
@@ -67,7 +67,7 @@ def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | No
         with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"'):
             tables_panel(viewing)
         with ui.element("footer").classes("vs-foot").props("role=contentinfo"):
-            servers_panel(viewing)
+            ServersPanel(viewing)
         Folding()
         PanelWidths()
     early_picture(viewing)  # last, since the first picture may be finished meanwhile

@@ -36,68 +36,72 @@ HEADS_AFTER_STAGES = ("MB/s", "peak MB", "state")
 ROLE_WORDS = {Role.MAPSHADE_SERVER: "map/shade", Role.SPLAT_SERVER: "splat server"}
 
 
-def servers_panel(viewing: Viewing) -> None:
+class ServersPanel:
     """A panel at the page's foot, closed at first; while it is closed nothing is worked out for it."""
-    panel_style()
-    with ui.expansion().classes("vs-servers").props("dense dense-toggle aria-label=Servers") as expansion:
-        with expansion.add_slot("header"), ui.element("div").classes("vs-servers-head"):
-            ui.label("Servers")
-            summary = ui.label().classes("vs-muted")
-        table = ui.html(sanitize=False).classes("vs-servers-table")
-        losses = ui.label().classes("vs-losses")
-        links = ui.html(sanitize=False).classes("vs-servers-table vs-links-table")
-        with ui.element("div").classes("vs-frame-head"):
-            said = ui.label().classes("vs-frame-said")
-            legend = ui.html(legend_keys(stages_shown(None)), sanitize=False).classes("vs-legend")
-        timeline = ui.html(sanitize=False).classes("vs-frame-lanes")
-    finished: list[Picture] = []  # the newest whose step is finished
 
-    def note(picture: Picture) -> None:
+    def __init__(self, viewing: Viewing) -> None:
+        self._viewing = viewing
+        self._finished: tuple[Picture, StepOutcome] | None = None  # the newest whose step is finished
+        self._build()
+        self._throttle = Throttle(INTERVAL, self._show)
+        self._expansion.on_value_change(self._ask)
+        context.client.on_delete(self._throttle.cancel)
+        for unsubscribe in (
+            viewing.on_picture(self._note),
+            viewing.model.subscribe(lambda _: self._ask()),
+            viewing.troubles.subscribe(lambda _: self._hear()),
+        ):
+            context.client.on_delete(unsubscribe)
+        if viewing.pictures.newest is not None:
+            self._note(viewing.pictures.newest)
+
+    def _build(self) -> None:
+        panel_style()
+        with ui.expansion().classes("vs-servers").props("dense dense-toggle aria-label=Servers") as self._expansion:
+            with self._expansion.add_slot("header"), ui.element("div").classes("vs-servers-head"):
+                ui.label("Servers")
+                self._summary = ui.label().classes("vs-muted")
+            self._table = ui.html(sanitize=False).classes("vs-servers-table")
+            self._losses = ui.label().classes("vs-losses")
+            self._links = ui.html(sanitize=False).classes("vs-servers-table vs-links-table")
+            with ui.element("div").classes("vs-frame-head"):
+                self._said = ui.label().classes("vs-frame-said")
+                self._legend = ui.html(legend_keys(stages_shown(None)), sanitize=False).classes("vs-legend")
+            self._timeline = ui.html(sanitize=False).classes("vs-frame-lanes")
+
+    def _note(self, picture: Picture) -> None:
         if picture.outcome is not None:
-            finished[:] = [picture]
+            self._finished = picture, picture.outcome
         if picture.last:  # not with every picture: the page is rendered anew
-            summarise()
-        ask()
+            self._summarise()
+        self._ask()
 
-    def summarise() -> None:
-        if finished and finished[0].outcome is not None:
-            summary.set_text(summary_words(viewing.session.servers, finished[0].outcome))
+    def _hear(self) -> None:
+        self._summarise()
+        self._ask()
 
-    def hear() -> None:
-        summarise()
-        ask()
+    def _summarise(self) -> None:
+        if self._finished is not None:
+            _, outcome = self._finished
+            self._summary.set_text(summary_words(self._viewing.session.servers, outcome))
 
-    def show() -> None:
-        outcome = finished[0].outcome if finished else None
-        servers = viewing.session.servers
-        table.set_content(servers_table(servers, outcome, _drawing(viewing)))
-        losses.set_text(losses_words(viewing.session.counts.sums()))
-        if outcome is not None:
-            legend.set_content(legend_keys(stages_shown(outcome)))
-            links.set_content(links_table(outcome))
-            names = {server.id: server_name(server) for server in servers}
-            timeline.set_content(timeline_svg(lanes_of(outcome, names), outcome.wall_seconds))
-            said.set_text(frame_words(viewing, finished[0], outcome))
-
-    throttle = Throttle(INTERVAL, show)
-
-    def ask() -> None:
-        if expansion.value:
-            throttle()
+    def _ask(self) -> None:
+        if self._expansion.value:
+            self._throttle()
         else:
-            throttle.cancel()
+            self._throttle.cancel()
 
-    expansion.on_value_change(ask)
-    context.client.on_delete(throttle.cancel)
-    for unsubscribe in (
-        viewing.on_picture(note),
-        viewing.model.subscribe(lambda _: ask()),
-        viewing.troubles.subscribe(lambda _: hear()),
-    ):
-        context.client.on_delete(unsubscribe)
-    newest = viewing.pictures.newest
-    if newest is not None:
-        note(newest)
+    def _show(self) -> None:
+        viewing, servers = self._viewing, self._viewing.session.servers
+        picture, outcome = self._finished or (None, None)
+        self._table.set_content(servers_table(servers, outcome, _drawing(viewing)))
+        self._losses.set_text(losses_words(viewing.session.counts.sums()))
+        if picture is not None and outcome is not None:
+            self._legend.set_content(legend_keys(stages_shown(outcome)))
+            self._links.set_content(links_table(outcome))
+            names = {server.id: server_name(server) for server in servers}
+            self._timeline.set_content(timeline_svg(lanes_of(outcome, names), outcome.wall_seconds))
+            self._said.set_text(frame_words(viewing, picture, outcome))
 
 
 def summary_words(servers: list[ServerState], outcome: StepOutcome) -> str:
