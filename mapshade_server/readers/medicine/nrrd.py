@@ -96,14 +96,28 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
         line = f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0"
         raise PartNeeded(line, numbered(axes.frames, "component"))
     frame, name = chosen_frame(path, part, axes.frames)
+    description = _description(path, header, axes, frame, name)
+    encoding = _encoding(header)
+    if encoding in TEXT_ENCODINGS:
+        return _opened_text(path, header, axes, description)
+    if encoding not in PACKINGS:
+        raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
+    return _opened_numbers(path, header, axes, description, frame)
+
+
+def _encoding(header: NrrdHeader) -> str:
+    return header.fields.get("encoding", "").lower()
+
+
+def _description(path: Path, header: NrrdHeader, axes: _Axes, frame: int, name: str) -> VolumeDescription:
     scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
     if scalar_type is None:
         raise header.wrong("type", "is not a type of number that volsplat reads")
-    encoding = header.fields.get("encoding", "").lower()
+    encoding = _encoding(header)
     place = place_of(header, axes.of_volume, axes.dims)
     kind, kind_from, bands = kind_of(path, header.pairs, frame)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
-    description = VolumeDescription(
+    return VolumeDescription(
         name=name,
         format="NRRD",
         geometry=place.geometry,
@@ -119,21 +133,28 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
         chunk=(axes.dims[0], 1, 1),
         why_whole=why_whole,
     )
-    if encoding in TEXT_ENCODINGS:
-        if axes.frames > 1:
-            raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
-        text = StoredVoxels(path, axes.stored, np.dtype(scalar_type), _pieces(header, axes.stored, 1, Packing.RAW))
-        text.check_there()
-        return OpenedVolume(
-            description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box), text.files, parts=()
-        )
-    if encoding not in PACKINGS:
-        raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
+
+
+def _opened_text(path: Path, header: NrrdHeader, axes: _Axes, description: VolumeDescription) -> OpenedVolume:
+    if axes.frames > 1:
+        raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
+    pieces = _pieces(header, axes.stored, 1, Packing.RAW)
+    text = StoredVoxels(path, axes.stored, np.dtype(description.scalar_type), pieces)
+    text.check_there()
+    return OpenedVolume(
+        description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box), text.files, parts=()
+    )
+
+
+def _opened_numbers(
+    path: Path, header: NrrdHeader, axes: _Axes, description: VolumeDescription, frame: int
+) -> OpenedVolume:
+    dtype = np.dtype(description.scalar_type)
     order = BYTE_ORDERS.get(header.fields.get("endian", "").lower())
-    if order is None and np.dtype(scalar_type).itemsize > 1:
+    if order is None and dtype.itemsize > 1:
         raise header.wrong("endian", "is neither little nor big")
-    dtype = np.dtype(scalar_type).newbyteorder(order or "=")
-    pieces = _pieces(header, axes.stored, dtype.itemsize, PACKINGS[encoding])
+    dtype = dtype.newbyteorder(order or "=")
+    pieces = _pieces(header, axes.stored, dtype.itemsize, PACKINGS[_encoding(header)])
     voxels = StoredVoxels(path, axes.stored, dtype, pieces)
     voxels.check_files()
 
