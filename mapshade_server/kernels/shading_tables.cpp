@@ -29,6 +29,9 @@ int octahedral_place(const std::array<int, 3>& direction, int side) {
     return (y + middle) * side + x + middle;
 }
 
+// Of rough directions.
+bool is_two_faced(int code) { return code >= kFirstTwoFaced && code < kFirstTwoFaced + kTwoFacedDirections; }
+
 // The direction of a code as whole numbers, not normalised.
 std::array<int, 3> whole_direction(int code, Directions directions) {
     if (directions == Directions::kPaper) return {(code & 31) - 16, (code >> 5 & 31) - 16, (code >> 10 & 31) - 16};
@@ -36,8 +39,9 @@ std::array<int, 3> whole_direction(int code, Directions directions) {
         if (code >= kOctahedralNoGradient) return {0, 0, 0};
         return octahedral_direction(code, kOctahedralSide);
     }
-    if (code >= kRoughnesses * kRoughDirections) return {0, 0, 0};
-    return octahedral_direction(code % kRoughDirections, kRoughSide);
+    if (code < kFirstTwoFaced) return octahedral_direction(code % kRoughDirections, kRoughSide);
+    if (is_two_faced(code)) return octahedral_direction(code - kFirstTwoFaced, kTwoFacedSide);
+    return {0, 0, 0};
 }
 
 // The code of the opposite direction, as rough as this one's; none of those without direction, nor of the paper's
@@ -46,6 +50,8 @@ std::optional<int> opposite(int code, Directions directions) {
     const auto [i, j, k] = whole_direction(code, directions);
     if (i == 0 && j == 0 && k == 0) return std::nullopt;
     if (directions == Directions::kOctahedral) return octahedral_place({-i, -j, -k}, kOctahedralSide);
+    if (directions == Directions::kRough && is_two_faced(code))
+        return kFirstTwoFaced + octahedral_place({-i, -j, -k}, kTwoFacedSide);
     if (directions == Directions::kRough)
         return code - code % kRoughDirections + octahedral_place({-i, -j, -k}, kRoughSide);
     if (std::min({i, j, k}) == -16) return std::nullopt;
@@ -82,6 +88,24 @@ void fill_rough_light(int roughness, const RoughLight& rough, const Lighting& li
         double sum = lighting.diffuse ? diffuse.at(along_light) : 0.0;
         if (shines && (lighting.two_sided ? std::abs(along_light) : along_light) > 0.0) sum += highlight.at(along_half);
         table[code] = static_cast<float>(sum);
+    }
+}
+
+// The table's part for two-faced directions: each side's light, the more of it the more the side faces the viewer.
+// `both` has the light on each axis, then on its opposite.
+void fill_two_faced_light(const AxisTable& axes, const std::vector<float>& both, const Lighting& lighting,
+                          float* table) {
+    const std::size_t count = axes.x.size();
+    const auto along = [&](const double* v, std::size_t n) {
+        return v[0] * axes.x[n] + v[1] * axes.y[n] + v[2] * axes.z[n];
+    };
+    const double *light = lighting.light, *half = lighting.half;
+    const double twice = 2.0 * (light[0] * half[0] + light[1] * half[1] + light[2] * half[2]);
+    for (int code = kFirstTwoFaced; code < kFirstTwoFaced + kTwoFacedDirections; ++code) {
+        const std::size_t axis = axes.place[code] % count;
+        // The outward normal is the opposite of the gradient, and the light is mirrored to the viewer at half way
+        const double facing = kOfFacing * (along(light, axis) - twice * along(half, axis));
+        table[code] = static_cast<float>(((1.0 + facing) * both[axis] + (1.0 - facing) * both[count + axis]) / 2.0);
     }
 }
 
@@ -148,6 +172,7 @@ std::vector<float> light_table(Directions code, const Lighting& lighting, const 
     for (int direction = 0; direction < kDirectionCodes; ++direction) table[direction] = both[axes.place[direction]];
     if (code == Directions::kRough) {
         for (int n = 1; n < kRoughnesses; ++n) fill_rough_light(n, *rough, lighting, table.data());
+        fill_two_faced_light(axes, both, lighting, table.data());
     }
     return table;
 }

@@ -45,6 +45,12 @@ ROUGH_DIRECTIONS = ROUGH_SIDE * ROUGH_SIDE
 ROUGH_NO_GRADIENT = OCTAHEDRAL_NO_GRADIENT
 ROUGHNESSES = 4
 
+# Where gradients cancel since both faces of something thin lie in one voxel, it has their common axis for a direction,
+# in another octahedral code, which follows those; and light falls on either face.
+TWO_FACED_SIDE = 31
+TWO_FACED_DIRECTIONS = TWO_FACED_SIDE * TWO_FACED_SIDE
+FIRST_TWO_FACED = ROUGHNESSES * ROUGH_DIRECTIONS
+
 # Cosines of the angles between the mean and eight directions that are equally likely, for each roughness: quantiles
 # of von Mises and Fisher's distribution, the means of which are about 1, 0.88, 0.7 and 0.4.
 ROUGHNESS_COSINES = (
@@ -54,6 +60,8 @@ ROUGHNESS_COSINES = (
     (0.955, 0.856, 0.743, 0.609, 0.445, 0.235, -0.057, -0.543),
 )
 AGREEMENTS = tuple(sum(cosines) / len(cosines) for cosines in ROUGHNESS_COSINES)
+LEAST_ALONG_AXIS = 0.85  # of the squares of gradients that cancel, along one axis, for a voxel to be two-faced
+OF_FACING = 0.7  # how much more of the light counts on a face that is turned to the viewer than on the one behind it
 
 HISTOGRAM_BINS = 65536
 EIGHT_BITS = {"uint8": (0.0, 255.0), "int8": (-128.0, 127.0)}

@@ -26,11 +26,20 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
-from volsplat.protocol.rules.index_rules import ROUGH_DIRECTIONS, ROUGHNESS_COSINES, ROUGHNESSES, Quantisation
+from volsplat.protocol.rules.index_rules import (
+    FIRST_TWO_FACED,
+    ROUGH_DIRECTIONS,
+    ROUGHNESS_COSINES,
+    ROUGHNESSES,
+    TWO_FACED_DIRECTIONS,
+    Quantisation,
+)
 from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
 from volsplat.protocol.rules.refinement import PAPER_STEPS
+from volsplat.protocol.rules.resolved_view import screen_rotation
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 
@@ -157,6 +166,21 @@ def test_light_on_rough_directions_is_the_mean_around_them(data: st.DataObject, 
             direction = sparse * cosine + ring * (1 - cosine**2).sqrt()
             expected += shading.light_of_directions(scene, Step.F, direction) / (8 * 16)
     assert (table[: ROUGHNESSES * ROUGH_DIRECTIONS : 101] - expected).abs().max() <= MEAN_LIGHT
+
+
+@given(data=st.data(), geometry=geometries())
+def test_light_falls_on_both_faces_and_is_seen_of_either_as_far_as_it_faces_the_viewer(
+    data: st.DataObject, geometry: Geometry
+) -> None:
+    scene = data.draw(shaded_scenes(geometry))
+    table = from_dlpack(shading_tables.light_of_directions(shading_rule(scene, Step.F).lighting, "rough"))
+    codes = slice(FIRST_TWO_FACED, FIRST_TWO_FACED + TWO_FACED_DIRECTIONS)
+    one = voxel_packets.directions("rough")[codes]
+    eye = torch.tensor(matrices.applied(matrices.transposed(screen_rotation(scene.view)), (0.0, 0.0, 1.0))).double()
+    expected = sum(
+        (1 - 0.7 * face @ eye) / 2 * shading.light_of_directions(scene, Step.F, face) for face in (one, -one)
+    )
+    assert ((table[codes] - expected).abs() * 255 <= FLOAT32_COLOUR).all()
 
 
 def test_tables_are_kept_while_the_scene_stays_the_same() -> None:

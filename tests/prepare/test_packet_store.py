@@ -197,7 +197,7 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 5, this version reads format 9; delete it and run"):
+    with pytest.raises(BadInput, match="of format 5, this version reads format 10; delete it and run"):
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))

@@ -21,7 +21,7 @@ import torch
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from reference import level_means, level_mixtures
+from reference import level_means, level_mixtures, voxel_packets
 from support.files.prepared import (
     LITTLE,
     ODD_DIMS,
@@ -43,6 +43,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.packet_store import PacketStore, attributes_of, has_attributes, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.command import window_from_option
+from volsplat.mapshade_server.prepare.gradient_means import halved_gradients
 from volsplat.mapshade_server.prepare.halving import halved, mean_type
 from volsplat.mapshade_server.prepare.layout import (
     MIB,
@@ -56,7 +57,14 @@ from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES,
 from volsplat.protocol.description.scene import Quantise
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.index_rules import (
+    FIRST_TWO_FACED,
+    ROUGH_NO_GRADIENT,
+    TWO_FACED_DIRECTIONS,
+    Quantisation,
+)
 from volsplat.protocol.rules.levels import factors_of
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
@@ -110,6 +118,25 @@ def test_grids_of_any_size_are_prepared(
     values = values_of(scalar_type, dims)
     assume(np.isfinite(values).any())
     assert_levels_are_means(store_of(tmp_path_factory.mktemp("any"), values), values)
+
+
+@given(normal=st.tuples(*3 * [st.floats(-1.0, 1.0)]).filter(lambda normal: math.hypot(*normal) > 0.1))
+@example(normal=(0.0, 0.0, 1.0))
+@example(normal=(1.0, -1.0, 0.0))
+def test_a_thin_sheet_faces_both_ways_on_its_level_and_a_surface_does_not(normal: Vector) -> None:
+    across = np.array(normal) / math.hypot(*normal)
+    place = np.moveaxis(np.mgrid[:26, :26, :26], 0, -1)[..., ::-1] @ across
+    place = place - place.mean()
+    unit = Geometry((26, 26, 26), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    quantisation = Quantisation(window=(0.0, 100.0), strength_scale=1.0)
+    sheet, surface = (
+        halved_gradients(packed_whole(unit, values, quantisation), "octahedral") >> DIRECTION_SHIFT
+        for values in (100.0 * np.exp(-np.square(place) / 2.0), 100.0 / (1.0 + np.exp(-2.0 * place)))
+    )
+    facing = sheet[(sheet >= FIRST_TWO_FACED) & (sheet < FIRST_TWO_FACED + TWO_FACED_DIRECTIONS)]
+    directions = voxel_packets.directions("rough").numpy()[facing]
+    assert len(facing) > 0 and (np.abs(directions @ across) > 0.9).all()
+    assert ((surface < FIRST_TWO_FACED) | (surface == ROUGH_NO_GRADIENT)).all()
 
 
 @pytest.mark.parametrize("scalar_type", ["uint8", "uint16", "float32"])

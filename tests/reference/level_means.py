@@ -8,7 +8,15 @@ import torch
 from torch import Tensor
 
 from reference.voxel_packets import directions, octahedral_codes, with_no_data_as_nan
-from volsplat.protocol.rules.index_rules import AGREEMENTS, ROUGH_DIRECTIONS, ROUGH_NO_GRADIENT, ROUGH_SIDE
+from volsplat.protocol.rules.index_rules import (
+    AGREEMENTS,
+    FIRST_TWO_FACED,
+    ROUGH_DIRECTIONS,
+    ROUGH_NO_GRADIENT,
+    ROUGH_SIDE,
+    ROUGHNESS_COSINES,
+    TWO_FACED_SIDE,
+)
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
 BORDER = 1e-12  # how near to the border between two codes a sum is for another order of rounding to take it across
@@ -78,27 +86,34 @@ def with_gradients_of(
     """Packets (k, j, i) int64 of a level with gradients of the level before, `finer`, in place of their own.
 
     Strength is the mean of up to eight, direction that of the sum of their unit vectors; the longer that is, for so
-    many, the less rough. The sum is moved by the nudge, in parts of it, before it is coded.
+    many, the less rough. If they cancel, and more than 0.85 of their squares lies along an axis, this is the
+    direction. The sum, and the axis, is moved by the nudge, in parts of it, before it is coded.
     """
     sides = sides_of(finer.shape, packed.shape)
     here = [corner_of(finer, sides, at) for at in corners(sides)]
-    mean_of = directions(scheme).clone()
+    has_direction = directions(scheme).any(dim=-1)
+    mean_of, square_of = directions(scheme).clone(), directions(scheme)[:, :, None] * directions(scheme)[:, None, :]
     if scheme == "rough":
-        mean_of[: len(AGREEMENTS) * ROUGH_DIRECTIONS] *= (
-            torch.tensor(AGREEMENTS).double().repeat_interleave(ROUGH_DIRECTIONS)[:, None]
-        )
+        mean_of[:FIRST_TWO_FACED] *= torch.tensor(AGREEMENTS).double().repeat_interleave(ROUGH_DIRECTIONS)[:, None]
+        mean_of[FIRST_TWO_FACED:] = 0.0
+        along = torch.tensor(ROUGHNESS_COSINES).double().square().mean(dim=1)
+        along = along.repeat_interleave(ROUGH_DIRECTIONS)[:, None, None]
+        rough_squares = square_of[:FIRST_TWO_FACED]
+        square_of[:FIRST_TWO_FACED] = along * rough_squares + (1 - along) / 2 * (torch.eye(3) - rough_squares)
     count = torch.zeros(packed.shape, dtype=torch.int64)
     strength, weight, total = count.clone(), count.clone(), torch.zeros((*packed.shape, 3), dtype=torch.float64)
+    squares = torch.zeros((*packed.shape, 3, 3), dtype=torch.float64)
     for corner in here:
         k, j, i = (slice(0, n) for n in corner.shape)
         there = corner >> NO_DATA_BIT == 0
         byte = torch.where(there, corner >> 8 & 255, 0)
-        vector = mean_of[corner >> DIRECTION_SHIFT & 32767]
-        counts = (there & vector.any(dim=-1)).long()
+        codes = corner >> DIRECTION_SHIFT & 32767
+        counts = (there & has_direction[codes]).long()
         count[k, j, i] += there
         strength[k, j, i] += byte
         weight[k, j, i] += counts
-        total[k, j, i] += vector * counts[..., None]
+        total[k, j, i] += mean_of[codes] * counts[..., None]
+        squares[k, j, i] += square_of[codes] * counts[..., None, None]
     total += torch.tensor(nudge, dtype=torch.float64) * total.abs().sum(dim=-1, keepdim=True)
     agreement = total.norm(dim=-1) / weight.clamp(min=1)
     limits = [(one + other) / 2 for one, other in zip(AGREEMENTS, AGREEMENTS[1:], strict=False)]
@@ -106,5 +121,13 @@ def with_gradients_of(
     lit = total.any(dim=-1)
     code = octahedral_codes(torch.where(lit[..., None], total, 1.0), ROUGH_SIDE) + rough * ROUGH_DIRECTIONS
     code = torch.where(lit, code, ROUGH_NO_GRADIENT)
+    cancel = (weight > 0) & (agreement < limits[-1])
+    shares, axes = torch.linalg.eigh(squares[cancel] / weight[cancel][:, None, None])
+    axis = (
+        axes[:, :, 2] * torch.where(axes[:, :, 2] @ torch.tensor([1.0, 2.0, 3.0]).double().sqrt() < 0, -1, 1)[:, None]
+    )
+    axis += torch.tensor(nudge, dtype=torch.float64)
+    two_faced = FIRST_TWO_FACED + octahedral_codes(axis, TWO_FACED_SIDE)
+    code[cancel] = torch.where(shares[:, 2] > 0.85, two_faced, code[cancel])
     byte = (strength / count.clamp(min=1) + 0.5).floor().long() if has_strength else packed >> 8 & 255
     return torch.where(packed >> NO_DATA_BIT == 0, packed & 255 | byte << 8 | code << DIRECTION_SHIFT, packed)

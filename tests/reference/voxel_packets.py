@@ -10,12 +10,14 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.index_rules import (
     DIRECTION_CODES,
+    FIRST_TWO_FACED,
     OCTAHEDRAL_NO_GRADIENT,
     OCTAHEDRAL_SIDE,
     PAPER_NO_GRADIENT,
     ROUGH_DIRECTIONS,
     ROUGH_SIDE,
-    ROUGHNESSES,
+    TWO_FACED_DIRECTIONS,
+    TWO_FACED_SIDE,
     Quantisation,
     physical_gradient,
 )
@@ -114,8 +116,11 @@ def directions(scheme: str) -> Tensor:
     if scheme == "octahedral":
         d = torch.where((code < OCTAHEDRAL_NO_GRADIENT)[:, None], _octahedral(code, OCTAHEDRAL_SIDE), 0.0)
     elif scheme == "rough":
-        some = (code < ROUGHNESSES * ROUGH_DIRECTIONS)[:, None]
-        d = torch.where(some, _octahedral(code % ROUGH_DIRECTIONS, ROUGH_SIDE), 0.0)
+        d = torch.zeros((DIRECTION_CODES, 3), dtype=torch.float64)
+        d[:FIRST_TWO_FACED] = _octahedral(code[:FIRST_TWO_FACED] % ROUGH_DIRECTIONS, ROUGH_SIDE)
+        d[FIRST_TWO_FACED : FIRST_TWO_FACED + TWO_FACED_DIRECTIONS] = _octahedral(
+            code[:TWO_FACED_DIRECTIONS], TWO_FACED_SIDE
+        )
     else:
         d = torch.stack([(code >> shift & 31) - 16 for shift in (0, 5, 10)], dim=-1).to(torch.float64)
     # torch's own square root may be off in the last bit
