@@ -377,6 +377,14 @@ def test_a_closed_single_process_holds_nothing_and_says_that_it_is_closed(head: 
             ask(scene)
 
 
+def test_a_closed_single_process_gives_the_memory_of_its_image_back(head: Path) -> None:
+    single, taken = SingleProcess(head), psutil.Process().memory_info
+    assert single.finish(single.volume.default_scene().with_(size=2000)).complete
+    open_bytes = taken().rss
+    single.close()
+    assert open_bytes - taken().rss >= 2000 * 2000 * 16  # as float32 RGBA
+
+
 def test_what_a_single_process_is_drawing_ends_once_it_is_closed(head: Path) -> None:
     begun = threading.Event()
     single = SingleProcess(head, on_progress=lambda words: begun.set() if words == "step F" else None)

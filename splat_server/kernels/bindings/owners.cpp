@@ -177,9 +177,18 @@ std::tuple<int, int> image_size(const Owners& owners) {
 
 nb::object closed_tiles(Owners& owners) {
     const std::shared_ptr<ImageMemory> image = owners.image();
+    if (!image) throw std::invalid_argument("there is no image");
     return view_of(image->closed_tiles(),
                    {static_cast<std::size_t>(image->tile_rows()), static_cast<std::size_t>(image->tile_words())},
                    image);
+}
+
+void close(Owners& owners) {
+    {
+        const Unlocked unlocked;
+        owners.close();
+    }
+    LetGo::now();
 }
 
 bool complete(const SplatFrame& frame) {
@@ -283,7 +292,7 @@ void bind_owners(nb::module_& m) {
              "all_wait"_a)
         .def("published", &published, "frame"_a)
         .def("cancel", &Owners::cancel, WithoutLock())
-        .def("close", &Owners::close, WithoutLock());
+        .def("close", &close);
 }
 
 }  // namespace volsplat

@@ -84,6 +84,10 @@ void Owners::close() {
     for (std::thread& owner : owners_) owner.join();
     owners_.clear();
     bells_.clear();
+    if (frame_) frame_->drop();
+    set_frame(nullptr);
+    image_.reset();
+    blocks_ = {};
 }
 
 void Owners::work(int number, Bell& bell) {

@@ -37,7 +37,7 @@ public:
     void cancel();
     // A block of memory for a part of the image.
     std::shared_ptr<float[]> free_block(const Rectangle& rectangle) { return blocks_.free_block(rectangle.floats()); }
-    // Ends the threads.
+    // Ends the threads, and gives up the frame and the image.
     void close();
 
 private:
