@@ -4,7 +4,7 @@
 // stands here does nothing.
 
 /** The event by which others ask for the panel that it is sent to. */
-export const WANTED = "vs-wanted";
+const WANTED = "vs-wanted";
 
 const OPEN = "vs-open";
 

@@ -17,7 +17,7 @@ const KEY_STEP = 0.1; // radians for each press of an arrow key
  * @param {boolean} far whether the drag began on the far side
  * @returns {Direction}
  */
-export function directionAt(x, y, far) {
+function directionAt(x, y, far) {
   const distance = Math.hypot(x, y);
   const past = distance > 1;
   const radius = past ? Math.max(0, 2 - distance) : distance;

@@ -58,7 +58,7 @@ export class Projection {
  * steep on a sheet about it (Bell's), so that no place in the picture is dead.
  * @param {Point} at @param {Size} size @returns {Vector} of length 1, screen axes (y up)
  */
-export function ballPoint([px, py], size) {
+function ballPoint([px, py], size) {
   const radius = Math.min(size.width, size.height) / 2;
   const x = (px - (size.width - 1) / 2) / radius;
   const y = ((size.height - 1) / 2 - py) / radius;

@@ -114,6 +114,6 @@ export class ValueReadout {
 }
 
 /** Three digits, or all before the point. @param {number} value */
-export function shortNumber(value) {
+function shortNumber(value) {
   return Math.abs(value) >= 100 ? String(Math.round(value)) : String(Number(value.toPrecision(3)));
 }

@@ -230,7 +230,7 @@ export class ViewportSocket {
 }
 
 /** A binary message's header and image. @param {ArrayBuffer} data @returns {[any, Uint8Array]} */
-export function pictureParts(data) {
+function pictureParts(data) {
   const length = new DataView(data).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   return [header, new Uint8Array(data, 4 + length)];
