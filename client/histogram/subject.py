@@ -16,15 +16,17 @@ from volsplat.client.histogram.density_histogram import (
 from volsplat.client.histogram.value_counts import ValueCounts
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Field
-from volsplat.protocol.description.volume import HOUNSFIELD, Geometry, VolumeDescription
+from volsplat.protocol.description.volume import HOUNSFIELD, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import Up, upright
 from volsplat.protocol.rules.index_rules import Survey
 
 FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
+FRONT, OBLIQUE = "front", "oblique"
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 LEAST_GAP = 0.001  # of the voxels: fewer without a value are stray ones, at which nothing ends
 SLAB = 0.25  # of the next longer side: what is no thicker is a slab
+FLAT = 0.45  # likewise: what is no thicker shows little of itself from its edge
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Subject:
     in_hounsfield: bool = False
     depth: Field = Field.GRID_K  # the grid's axis that leads away from the viewer in front
     recedes: bool = True  # along this axis
-    face: str | None = None  # of a slab: the view that shows it, as radiologists and image viewers do
+    first_view: str = FRONT  # one of FACES, or OBLIQUE: from the side and above
     single_slice: bool = False
     has_gaps: bool = False  # of voxels without a value, at which what is seen may end
     fine: ValueCounts | None = None  # the values before they became bytes
@@ -86,7 +88,7 @@ def subject_of(
     up: Up | Literal["auto"] = "auto",
     usual: Subject | None = None,
 ) -> Subject:
-    """What is known of a volume, under a window; `up` is the physical axis that is.
+    """What is known of a volume, under a window; `up` is the physical axis that is, "auto" if nothing tells it.
 
     `usual` is what this gives under the automatic window, if this is another. `density_counts` split
     the values' range in survey.ranges. Raises BadInput for a window without a scale.
@@ -104,7 +106,7 @@ def subject_of(
         in_hounsfield=description.value_unit == HOUNSFIELD,
         depth=GRID_FIELDS[depth],
         recedes=away[depth] > 0,
-        face=_face(description.geometry, up),
+        first_view=_first_view(description, up),
         has_gaps=survey.no_data > LEAST_GAP * survey.voxels,
         single_slice=sorted(description.geometry.dims)[:2].count(1) == 1,
         fine=ValueCounts(ranges.low, ranges.high, density_counts) if survey.low <= survey.high else None,
@@ -112,12 +114,26 @@ def subject_of(
     )
 
 
-def _face(geometry: Geometry, up: Up | Literal["auto"]) -> str | None:
-    """The view on a slab's wide side, as on a single slice; None for any other volume, and for a single row."""
-    steps = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
-    extents = [(count - 1) * matrices.length(step) for count, step in zip(geometry.dims, steps, strict=True)]
+def _first_view(description: VolumeDescription, up: Up | Literal["auto"]) -> str:
+    """The front, from which bodies, molecules and the sky are seen, if it shows enough.
+
+    A slab is seen from its face, as radiologists and image viewers see it, and so is any flat stack that does not
+    stand. Where a file tells which way is up, what lies flat is seen from the side and above, and so is a seismic
+    survey: inline, crossline and time slice at once.
+    """
+    steps = [matrices.column(description.geometry.index_to_physical, axis) for axis in range(3)]
+    extents = [
+        (count - 1) * matrices.length(step) for count, step in zip(description.geometry.dims, steps, strict=True)
+    ]
     flat, *wide = sorted(range(3), key=extents.__getitem__)
-    if extents[flat] > SLAB * extents[wide[0]] or extents[wide[0]] == 0.0:
-        return None
+    if extents[wide[0]] == 0.0:  # a single row
+        return FRONT
+    if description.kind is Kind.SEISMIC and extents[flat] > 0.0:
+        return OBLIQUE
+    thickness = extents[flat] / extents[wide[0]]
     normal = matrices.applied(upright(up), matrices.cross(steps[wide[0]], steps[wide[1]]))
-    return FACES[max(range(3), key=lambda axis: abs(normal[axis]))]
+    face = FACES[max(range(3), key=lambda axis: abs(normal[axis]))]
+    if thickness <= SLAB or (thickness <= FLAT and up == "auto"):
+        return face
+    lies = description.up is not None and not description.anatomical and description.kind is not Kind.SPECTRAL_CUBE
+    return OBLIQUE if thickness <= FLAT and lies and face != FRONT else FRONT

@@ -7,7 +7,7 @@ from functools import partial
 import msgspec
 
 from volsplat.client.histogram.density_histogram import landmarks, zero_position
-from volsplat.client.histogram.subject import Subject, histogram_of
+from volsplat.client.histogram.subject import FRONT, OBLIQUE, Subject, histogram_of
 from volsplat.client.scene.ct_scenes import (
     ct_angio_scene,
     ct_bone_scene,
@@ -24,9 +24,11 @@ from volsplat.client.scene.seismic_scene import seismic_scene
 from volsplat.client.scene.table_makers import KEY_LIGHT, colours, scalars
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Tables, View
-from volsplat.protocol.description.view_rotation import named_view
+from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import meant
+
+OBLIQUE_ANGLES = (-30.0, 20.0)  # azimuth and elevation, in degrees
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,12 @@ def preset_scene(name: str, subject: Subject | None = None) -> Scene:
 
 
 def start_view(subject: Subject | None) -> View:
-    """The view that every scene starts with, preset or not: the front, or a slab's face.
+    """The view that every scene starts with, preset or not.
 
     A spectral cube's front is the sky as it is seen: its spectral axis leads straight away.
     """
-    return View(rotation=named_view(subject.face if subject is not None and subject.face is not None else "front"))
+    name = FRONT if subject is None else subject.first_view
+    return View(rotation=rotation_from_angles(*OBLIQUE_ANGLES) if name == OBLIQUE else named_view(name))
 
 
 def fits(name: str, subject: Subject) -> bool:

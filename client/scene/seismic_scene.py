@@ -1,4 +1,4 @@
-"""The scene of seismic amplitudes: strong reflections of either sign, what is near zero clear."""
+"""The scene of seismic amplitudes: reflections of either sign, so opaque that the survey's faces are sections of it."""
 
 from volsplat.client.histogram.density_histogram import zero_position
 from volsplat.client.histogram.subject import Subject
@@ -13,7 +13,7 @@ def seismic_scene(subject: Subject | None) -> Scene:
         tables=Tables(
             emit=colours((0.0, "#2858d8"), (zero, "#c8c4bc"), (1.0, "#d83828")),
             refl=colours((0.0, "#404040")),
-            opac=both_sides(zero, 0.3, 0.6),
+            opac=both_sides(zero, 0.1, 0.95),
         ),
         shading=Shading(modulation=False),
         light=KEY_LIGHT,

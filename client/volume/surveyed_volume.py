@@ -226,7 +226,8 @@ class SurveyedVolume:
     @cached_property
     def _subject_under(self) -> Callable[[tuple[float, float]], Subject]:
         """Remembered, since every preset is made for it."""
-        subject = partial(subject_of, self.description, self.survey, self.density_counts, up=self.stands_up.up)
+        up = self.stands_up.up if self.stands_up.told else "auto"
+        subject = partial(subject_of, self.description, self.survey, self.density_counts, up=up)
         automatic = self.quantisation(Quantise()).window
         usual = subject(automatic)
         return lru_cache(REMEMBERED)(lambda window: usual if window == automatic else subject(window, usual=usual))

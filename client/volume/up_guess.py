@@ -31,6 +31,7 @@ class StandsUp(NamedTuple):
 
     up: Up
     why: str
+    told: bool = True  # by the file or by what lies where
 
 
 def stands_up(description: VolumeDescription, extremes: BlockExtremes) -> StandsUp:
@@ -43,7 +44,7 @@ def stands_up(description: VolumeDescription, extremes: BlockExtremes) -> Stands
     guess = guessed_up(description.geometry, extremes)
     if guess is not None:
         return StandsUp(guess, "a guess, for what is there tapers that way and is cut off at the other; --up sets it")
-    return StandsUp("+z", "for want of any sign of it; --up sets it")
+    return StandsUp("+z", "for want of any sign of it; --up sets it", told=False)
 
 
 def guessed_up(geometry: Geometry, extremes: BlockExtremes) -> Up | None:

@@ -21,6 +21,9 @@ from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Colour, Field, Scene
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import rotation_from_quaternion
+from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey, density_window
 
 Values = dict[float, int]
@@ -51,7 +54,7 @@ def subject(
         **changes,  # type: ignore[arg-type]
     )
     window = density_window(survey, counts, scalar_type) if window is None else window
-    return subject_of(description, survey, counts, window)
+    return subject_of(description, survey, counts, window, description.up or "auto")
 
 
 def at(scene: Scene, known: Subject, value: float) -> tuple[float, Colour]:
@@ -230,7 +233,8 @@ def test_hounsfield_units_are_believed_where_they_are_stated() -> None:
         ((1, 64, 48), "left"),
         ((64, 48, 9), "bottom"),
         ((9, 64, 48), "left"),
-        ((64, 48, 20), "front"),
+        ((64, 48, 20), "bottom"),
+        ((64, 48, 24), "front"),
         ((64, 1, 1), "front"),
     ],
 )
@@ -258,8 +262,47 @@ def test_a_body_that_fills_the_grid_is_a_ct_where_its_units_are_stated() -> None
 def test_the_face_of_a_slice_is_where_its_volume_stands_upright() -> None:
     flat = VolumeDescription(name="flat", format="test", geometry=Geometry(dims=(64, 48, 1)), scalar_type="uint8")
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=2, no_data=0)
-    assert subject_of(flat, survey, [1, 1], (0.0, 255.0), "+z").face == "bottom"
-    assert subject_of(flat, survey, [1, 1], (0.0, 255.0), "+y").face == "front"
+    assert subject_of(flat, survey, [1, 1], (0.0, 255.0), "+z").first_view == "bottom"
+    assert subject_of(flat, survey, [1, 1], (0.0, 255.0), "+y").first_view == "front"
+
+
+UPRIGHT_Z = (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "dims", "up"),
+    [
+        (Kind.SEISMIC, (64, 48, 40), "+z"),
+        (Kind.SEISMIC, (64, 48, 9), "-z"),
+        (Kind.UNKNOWN, (64, 48, 20), "+z"),
+        (Kind.EM_MAP, (20, 64, 48), "+z"),
+    ],
+)
+def test_a_survey_and_what_lies_flat_show_three_sides_and_the_upper_one(
+    kind: Kind, dims: tuple[int, int, int], up: Up
+) -> None:
+    known = subject(MAP, kind, geometry=Geometry(dims=dims), up=up)
+    rotation = rotation_from_quaternion(default_scene(known).view.rotation)
+    towards_viewer = [matrices.column(rotation, axis)[2] for axis in range(3)]
+    assert all(abs(cosine) > 0.3 for cosine in towards_viewer)
+    assert towards_viewer[2] > 0 and matrices.applied(rotation, UPRIGHT_Z)[1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("kind", "dims"),
+    [
+        (Kind.CT, (64, 48, 20)),
+        (Kind.SPECTRAL_CUBE, (64, 20, 48)),
+        (Kind.EM_MAP, (64, 48, 40)),
+        (Kind.EM_MAP, (64, 20, 48)),
+        (Kind.SEISMIC, (64, 1, 48)),
+    ],
+)
+def test_patients_the_sky_and_what_is_broad_in_front_are_seen_from_there(
+    kind: Kind, dims: tuple[int, int, int]
+) -> None:
+    known = subject(MAP, kind, geometry=Geometry(dims=dims), up="+z", anatomical=kind is Kind.CT)
+    assert default_scene(known).view.rotation == named_view("front")
 
 
 # What glows
