@@ -21,6 +21,7 @@ from starlette.websockets import WebSocket
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.ui.controls.kept_events import take_events_once
+from volsplat.client.ui.doors.admission import Admission
 from volsplat.client.ui.doors.behind_proxy import BehindProxy
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.handed_files import FILES_PATH, handed_file
@@ -134,17 +135,8 @@ class Application:
         self._build_page = build_page
         self._pages = OpenPages()
         self._grace = grace
-        application = FastAPI(lifespan=self._lifespan, openapi_url=None, docs_url=None, redoc_url=None)
-        application.mount(STATIC_PATH, StaticFiles(directory=STATIC))
         bundles = ScriptBundles()
-        application.add_api_route(
-            f"{BUNDLES_PATH}/{{name}}", bundles.script, include_in_schema=False, response_model=None
-        )
-        application.add_api_route(f"{FILES_PATH}/{{key}}", handed_file, include_in_schema=False, response_model=None)
-        application.add_api_websocket_route("/viewport", self._viewport)
-        application.add_api_route(EARLY_PATH, self._early_picture, include_in_schema=False, response_model=None)
-        for path in (WAITING_PATH, ALIVE_PATH):
-            application.add_api_route(path, _nothing_to_say, include_in_schema=False)
+        application = self._routed(bundles)
         _begin_anew()
         ui.page("/", reconnect_timeout=RECONNECT_SECONDS)(self._page)
         ui.run_with(
@@ -157,15 +149,10 @@ class Application:
             gzip_middleware_factory=None,  # nonces come first
         )
         take_events_once()
-        compressed = GZipMiddleware(ScriptNonces(application, bundles.in_page), SMALLEST_COMPRESSED, COMPRESSION)
-        guarded = Gate(compressed, address.admission, LARGEST_UPLOAD + LARGEST_FORM)
-        behind = address.admission.behind
-        prefix = behind.prefix if behind else ""
-        kept = {f"{prefix}{path}": "no-cache" for path in (STATIC_PATH, MODULES_PATH)}
         self._bound = address.bound
         self._server = _Server(
             uvicorn.Config(
-                BehindProxy(StrictHeaders(guarded, kept), behind),
+                _guarded(application, bundles, address.admission),
                 log_config=None,  # as everything else is logged
                 server_header=False,
                 proxy_headers=False,  # who asks is who connects, whatever a header says
@@ -177,6 +164,21 @@ class Application:
             end_session=shown.close,
         )
         self.ended_by_grace = False
+
+    def _routed(self, bundles: ScriptBundles) -> FastAPI:
+        """All that is served, but for the page itself, which is NiceGUI's."""
+        application = FastAPI(lifespan=self._lifespan, openapi_url=None, docs_url=None, redoc_url=None)
+        application.mount(STATIC_PATH, StaticFiles(directory=STATIC))
+        application.add_api_websocket_route("/viewport", self._viewport)
+        for path, answer in (
+            (f"{BUNDLES_PATH}/{{name}}", bundles.script),
+            (f"{FILES_PATH}/{{key}}", handed_file),
+            (EARLY_PATH, self._early_picture),
+            (WAITING_PATH, _nothing_to_say),
+            (ALIVE_PATH, _nothing_to_say),
+        ):
+            application.add_api_route(path, answer, include_in_schema=False, response_model=None)
+        return application
 
     def run(self, on_ready: Callable[[], None]) -> None:
         """Serve; `on_ready` is called once the port is open. What Ctrl-C and its like raise is raised at the end."""
@@ -240,6 +242,15 @@ class Application:
         self._pages.coming()
         self._build_page()
         return None
+
+
+def _guarded(application: FastAPI, bundles: ScriptBundles, admission: Admission) -> BehindProxy:
+    """The application behind all that a request passes first."""
+    compressed = GZipMiddleware(ScriptNonces(application, bundles.in_page), SMALLEST_COMPRESSED, COMPRESSION)
+    gate = Gate(compressed, admission, LARGEST_UPLOAD + LARGEST_FORM)
+    prefix = admission.behind.prefix if admission.behind else ""
+    kept = {f"{prefix}{path}": "no-cache" for path in (STATIC_PATH, MODULES_PATH)}
+    return BehindProxy(StrictHeaders(gate, kept), admission.behind)
 
 
 def _begin_anew() -> None:

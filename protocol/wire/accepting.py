@@ -61,39 +61,47 @@ class Accepter:
         Raises BadInput where the peer is rejected, or what the connection raises.
         """
         handshake = AccepterHandshake(self._token, self._role, self._versions, token_of=self._token_of)
-        handshake.binding = connection.binding
-        while handshake.state is not State.PROVEN:
-            received = connection.receive()
-            if received is None:
-                raise ConnectionClosed(f"{connection} was dropped during its handshake")
-            try:
-                answer = handshake.receive(received.message)
-            except RemoteProtocolError as error:
-                raise RemoteProtocolError(f"{connection} broke the protocol: {error}") from error
-            except TurnedAway as error:
-                raise TurnedAway(f"{connection} {error}") from error
-            if answer is not None:
-                connection.send(answer)
-            if handshake.state is State.REJECTED:
-                raise BadInput(f"{connection} is rejected: {handshake.rejection}")
-        hello = handshake.hello
-        assert hello is not None
+        hello = _proven(connection, handshake)
         try:
             with self._assigning:
                 server = self._assign_id(hello)
         except VolsplatError as error:
             connection.send(handshake.reject(str(error)))
             raise BadInput(f"{connection} is rejected: {error}") from error
-        peer = Peer(
-            role=hello.role,
-            host=address.host,
-            port=address.port,
-            id=server,
-            version=handshake.version,
-            name=printable(hello.name),
-            data_host=(hello.data_host or address.host) if hello.data_port else "",
-            data_port=hello.data_port,
-            data_anywhere=bool(hello.data_port) and not hello.data_host,
-        )
         connection.send(handshake.welcome(server))
-        connection.open(peer, self._role, 0, self._allocate)
+        connection.open(_peer(hello, address, server, handshake.version), self._role, 0, self._allocate)
+
+
+def _proven(connection: Connection, handshake: AccepterHandshake) -> Hello:
+    """What the peer says of itself, once it has shown that it knows the token."""
+    handshake.binding = connection.binding
+    while handshake.state is not State.PROVEN:
+        received = connection.receive()
+        if received is None:
+            raise ConnectionClosed(f"{connection} was dropped during its handshake")
+        try:
+            answer = handshake.receive(received.message)
+        except RemoteProtocolError as error:
+            raise RemoteProtocolError(f"{connection} broke the protocol: {error}") from error
+        except TurnedAway as error:
+            raise TurnedAway(f"{connection} {error}") from error
+        if answer is not None:
+            connection.send(answer)
+        if handshake.state is State.REJECTED:
+            raise BadInput(f"{connection} is rejected: {handshake.rejection}")
+    assert handshake.hello is not None
+    return handshake.hello
+
+
+def _peer(hello: Hello, address: Address, id: int, version: int) -> Peer:
+    return Peer(
+        role=hello.role,
+        host=address.host,
+        port=address.port,
+        id=id,
+        version=version,
+        name=printable(hello.name),
+        data_host=(hello.data_host or address.host) if hello.data_port else "",
+        data_port=hello.data_port,
+        data_anywhere=bool(hello.data_port) and not hello.data_host,
+    )

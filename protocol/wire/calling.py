@@ -32,23 +32,24 @@ def call(
 
     def attempt() -> Connection:
         try:
-            return once()
+            return _try_once(address, place, accepter, encryption)
         except VolsplatError as error:
             failed(error)
             raise
 
-    def once() -> Connection:
-        connection = Connection(dialled_socket(address, place), place)
-        try:
-            connection.limit(HANDSHAKE_SECONDS)
-            connection.encrypt(encryption, accepts=False)
-            accepter.greet(connection, address)
-        except BadInput as error:
-            connection.close()
-            raise BadInput(f"cannot use the {place}: {error}") from error
-        except BaseException:
-            connection.close()
-            raise
-        return connection
-
     return patiently(attempt, patience, lambda error: report(str(error)), given_up)
+
+
+def _try_once(address: Address, place: str, accepter: Accepter, encryption: Encryption) -> Connection:
+    connection = Connection(dialled_socket(address, place), place)
+    try:
+        connection.limit(HANDSHAKE_SECONDS)
+        connection.encrypt(encryption, accepts=False)
+        accepter.greet(connection, address)
+    except BadInput as error:
+        connection.close()
+        raise BadInput(f"cannot use the {place}: {error}") from error
+    except BaseException:
+        connection.close()
+        raise
+    return connection
