@@ -306,7 +306,8 @@ class VolumeHolding:
     def _spare(self) -> list[Instruction]:
         """Let go of those for whom no voxel was left."""
         asked, voxels = len(self._memory), self._known.description.geometry.box.voxels
-        self._memory = {worker: self._memory[worker] for worker in self.boxes}
+        for spare in self._memory.keys() - self.boxes.keys():
+            del self._memory[spare]
         if len(self.boxes) == asked:
             return []
         few = f"the volume has fewer voxels ({voxels}) than there are map/shade servers ({asked})"

@@ -190,6 +190,18 @@ def test_servers_share_what_is_visible_and_the_next_frame_is_drawn_by_the_new_bo
     assert [kind for _, kind in sent(model.answer(told))] == [messages.RenderFrame] * 3
 
 
+def test_who_joined_later_takes_part_as_well() -> None:
+    model = Model(corner(), alike())
+    model.drawn()
+    model.speeds[THIRD] = model.speeds[FIRST]
+    for event in joins(MORE[0]):
+        told = model.coordinator.handle(event)
+    model.answer(told)
+    model.ask()
+    assert [kind for _, kind in sent(model.until_moved())] == [messages.ChangeSubCubes] * 3
+    assert THIRD in model.boxes and model.imbalance() < 1.1
+
+
 @given(
     servers=st.integers(2, 6),
     data=st.data(),
