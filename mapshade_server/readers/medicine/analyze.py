@@ -42,7 +42,7 @@ def open_analyze(path: Path, part: str) -> OpenedVolume:
     """
     raw = first_bytes(path, HEADER_BYTES[0])
     header = NiftiHeader(path, raw, 0, BYTE_ORDERS[raw[:4]])
-    name, voxels = header.voxels(part, SCALAR_TYPES)
+    name, (voxels,), _, _ = header.voxels(part, SCALAR_TYPES)
     description = VolumeDescription(
         name=name,
         format="Analyze 7.5",

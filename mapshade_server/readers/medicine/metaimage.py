@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
+from volsplat.mapshade_server.readers.reading.components import are_colours, chosen_volume
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.header_numbers import numbered_names, whole_numbers
 from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.opened_file import opened
-from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
@@ -28,6 +28,7 @@ from volsplat.protocol.text.length_units import length_unit
 LONGEST_HEADER = 1 << 16
 SIDES = ("LR", "PA", "SI")  # to which the physical axes lead, and away from which
 UNTURNED = "LPS"
+CHANNELS = "ElementNumberOfChannels"
 NO_SIDES = "its AnatomicalOrientation names no sides, as ITK writes series: left and right cannot be told"
 OPPOSITE = str.maketrans("LRPASI", "RLAPIS")
 SCALAR_TYPES = {
@@ -53,7 +54,7 @@ def recognises(head: bytes) -> bool:
 
 
 def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
-    """The reader for a MetaImage, and the frame of it that is named if there are several.
+    """The reader for a MetaImage, and the frame and component of it that are named if there are several.
 
     Raises BadInput if the header cannot be used or the data is missing.
     """
@@ -63,16 +64,20 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         raise _wrong(path, fields, "DimSize")
     refuse_other_dimensions(path, (*sizes[:3], *sizes[4:]))
     frames = sizes[3] if len(sizes) > 3 else 1
-    frame, name = chosen_frame(path, part, frames)
-    if fields.get("ElementNumberOfChannels", "1") != "1":
-        refuse_vectors(path, f"{fields['ElementNumberOfChannels']} channels a voxel")
     if fields.get("ElementType") not in SCALAR_TYPES:
         raise _wrong(path, fields, "ElementType")
+    (channels,) = _integers(path, {CHANNELS: "1", **fields}, CHANNELS)[:1] or (0,)
+    if channels < 1:
+        raise _wrong(path, fields, CHANNELS)
+    if are_colours(channels, SCALAR_TYPES[fields["ElementType"]]):
+        refuse_vectors(path, f"{channels} channels a voxel, which are colours")
+    frame, name, component, parts = chosen_volume(path, part, frames, channels)
     text = fields.get("BinaryData", "True").lower() == "false"
     compressed = fields.get("CompressedData", "False").lower() == "true"
-    if text and frames > 1:
-        raise BadInput(f"{path}: holds several volumes as text, which volsplat cannot tell apart; save it as binary")
-    voxels = _stored(path, fields, end, (sizes[0], sizes[1], sizes[2] * frames), compressed)
+    if text and frames * channels > 1:
+        what = "volumes" if frames > 1 else "components"
+        raise BadInput(f"{path}: holds several {what} as text, which volsplat cannot tell apart; save it as binary")
+    voxels = _stored(path, fields, end, (sizes[0] * channels, sizes[1], sizes[2] * frames), compressed)
     (voxels.check_there if text else voxels.check_files)()
     reader = header_of(path, "MetaImageIO")
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
@@ -84,19 +89,21 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         name=name,
         format="MetaImage",
         geometry=geometry,
-        scalar_type=voxels.dtype.name,
+        scalar_type=component.scalar_type(voxels.dtype.name),
+        density_name=component.value_name(),
         unit=_unit(fields),
         anatomical=anatomical,
         warnings=(*_told(fields, geometry), *([NO_SIDES] if len(sizes) > 3 and not anatomical else [])),
         kind=kind,
         kind_from=kind_from,
         reads_sub_cubes=not why_whole,
-        chunk=voxels.chunk,
+        chunk=(min(voxels.chunk[0], sizes[0]), *voxels.chunk[1:]),
         why_whole=why_whole,
     )
     if text:
         return OpenedVolume(description, lambda box: extracted(path, reader, box), voxels.files, parts=())
-    return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files, parts=())
+    read = component.of_interleaved(path, voxels.dtype.name, lambda box: voxels.read_from(frame * sizes[2], box))
+    return OpenedVolume(description, read, voxels.files, parts=parts)
 
 
 def _unit(fields: dict[str, str]) -> str:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.modality import kind_beside
-from volsplat.mapshade_server.readers.medicine.nifti_header import NiftiHeader, nifti_header
+from volsplat.mapshade_server.readers.medicine.nifti_header import INTENT_STATISTICS, NiftiHeader, nifti_header
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, geometry
+from volsplat.mapshade_server.readers.reading.stored_voxels import StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -32,7 +33,6 @@ SCALAR_TYPES = {
     1280: "uint64",
 }
 INTENT_LABEL = 1002
-INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
 STATISTICS = {2: "correlation", 3: "t statistic", 4: "F statistic", 5: "z statistic", 6: "chi-squared statistic"}
 NO_SIDES = "the file states neither sform nor qform: left and right cannot be told"
 OTHER_HAND = "its sform and qform disagree on what is left and what is right; the sform is followed"
@@ -46,16 +46,18 @@ def recognises(head: bytes) -> bool:
 
 
 def open_nifti(path: Path, part: str) -> OpenedVolume:
-    """The reader for a NIfTI file, and the frame of it that is named if there are several.
+    """The reader for a NIfTI file, and the frame and component of it that are named if there are several.
 
     Values are scaled by the header's slope and intercept, as float32 or float64. Raises BadInput if the header cannot
     be used or promises too much.
     """
     header = nifti_header(path)
-    name, voxels = header.voxels(part, SCALAR_TYPES)
+    name, stored, component, parts = header.voxels(part, SCALAR_TYPES)
+    voxels = stored[0]
     slope, intercept = header.values("scl")
     scaled = slope != 0.0 and math.isfinite(slope) and math.isfinite(intercept) and (slope, intercept) != (1.0, 0.0)
     scaled_type = "float32" if voxels.dtype.itemsize <= 2 or voxels.dtype.name == "float32" else "float64"
+    number_type = scaled_type if scaled else voxels.dtype.name
     matrix, origin, anatomical, warnings = _place(header)
     unit_code = int(header.values("units")[0]) & 7
     kind, kind_from = _kind(path, header)
@@ -66,28 +68,29 @@ def open_nifti(path: Path, part: str) -> OpenedVolume:
         geometry=checked_geometry(
             path, voxels.dims, matrices.times(matrix, to_millimetres), matrices.scaled(origin, to_millimetres)
         ),
-        scalar_type=scaled_type if scaled else voxels.dtype.name,
+        scalar_type=component.scalar_type(number_type),
         unit="mm" if anatomical or unit_code in MILLIMETRES_PER_UNIT else "",
         anatomical=anatomical,
         warnings=(*header.start_told, *warnings, *([NO_UNIT] if anatomical and unit_code == 0 else [])),
         kind=kind,
         kind_from=kind_from,
-        density_name=STATISTICS.get(_intent(header), ""),
+        density_name=component.value_name(STATISTICS.get(header.intent, "")),
         **voxels.access,
     )
 
+    def numbers(one: StoredVoxels, box: Box) -> Voxels:
+        if not scaled:
+            return one.read(box)
+        return (one.read(box).astype(np.float64) * slope + intercept).astype(scaled_type)
+
     def read(box: Box) -> Voxels:
-        return (voxels.read(box).astype(np.float64) * slope + intercept).astype(scaled_type)
+        return component.of((numbers(one, box) for one in stored), number_type)
 
-    return OpenedVolume(description, read if scaled else voxels.read, voxels.files, parts=())
-
-
-def _intent(header: NiftiHeader) -> int:
-    return int(header.values("intent")[0])
+    return OpenedVolume(description, read, voxels.files, parts=parts)
 
 
 def _kind(path: Path, header: NiftiHeader) -> tuple[Kind, str]:
-    intent = _intent(header)
+    intent = header.intent
     if intent == INTENT_LABEL:
         return Kind.LABELS, f"its intent {intent}, labels"
     if intent in INTENT_STATISTICS:

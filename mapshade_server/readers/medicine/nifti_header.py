@@ -3,18 +3,22 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.reading.components import Component, are_colours, chosen_volume
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
-from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
+from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.stored_voxels import StoredVoxels, one_piece
 from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = (348, 348, 540)  # by the version of NIfTI, 0 for Analyze
 FIRST_VOXEL = (0, 352, 544)  # by the version: at the earliest, if voxels follow the header in one file
 LARGEST_OFFSET = 1 << 40
+INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
+INTENT_COLOURS = (2003, 2004)
 _NIFTI_1 = {
     "dim": (40, "i2", 8),
     "intent": (68, "i2", 1),
@@ -41,6 +45,15 @@ _NIFTI_2 = {
 }
 
 
+class NiftiVoxels(NamedTuple):
+    """What is drawn of a file: its name, and the voxels of each component that is taken, one after the other."""
+
+    name: str
+    stored: list[StoredVoxels]
+    component: Component
+    parts: list[Part]
+
+
 @dataclass(frozen=True)
 class NiftiHeader:
     """The header's bytes, its version, 0 for Analyze, and byte order, < or >."""
@@ -59,23 +72,33 @@ class NiftiHeader:
         kind = "NIfTI" if self.version else "Analyze"
         return BadInput(f"{self.path}: the {kind} header's {name} {value} makes no sense; correct the header")
 
-    def voxels(self, part: str, scalar_types: dict[int, str]) -> tuple[str, StoredVoxels]:
-        """What the frame that is named is called, and its voxels as they are stored. Raises BadInput."""
+    @property
+    def intent(self) -> int:
+        return int(self.values("intent")[0])
+
+    def voxels(self, part: str, scalar_types: dict[int, str]) -> NiftiVoxels:
+        """The voxels of the frame and component that are named. Raises BadInput."""
         count, *sizes = (int(n) for n in self.values("dim"))
         if not 1 <= count <= 7 or min(sizes[:count]) < 1:
             raise self.wrong("dim", [count, *sizes])
-        if self.version and count >= 5 and sizes[4] > 1:
-            refuse_vectors(self.path, f"{sizes[4]} components a voxel")
-        refuse_other_dimensions(self.path, (*sizes[: min(count, 3)], *sizes[4:count]))
-        frame, name = chosen_frame(self.path, part, sizes[3] if count >= 4 else 1)
+        components = sizes[4] if self.version and count >= 5 else 1
+        refuse_other_dimensions(self.path, (*sizes[: min(count, 3)], *sizes[5 if self.version else 4 : count]))
         code, dims = int(self.values("datatype")[0]), (sizes[0], sizes[1], sizes[2])
         if code not in scalar_types:
             refuse_vectors(
                 self.path, f"voxels of {'NIfTI' if self.version else 'Analyze'}'s type {code}, no plain number"
             )
         dtype = np.dtype(scalar_types[code]).newbyteorder(self.order)  # type: ignore[arg-type]
-        offset = self._start() + frame * math.prod(dims) * dtype.itemsize
-        return name, one_piece(self.path, dims, dtype, offset, self._data_file())
+        if components > 1 and self.intent in INTENT_STATISTICS:
+            refuse_vectors(self.path, f"a statistic and its {components - 1} parameters at each voxel")
+        if components > 1 and (self.intent in INTENT_COLOURS or are_colours(components, dtype.name)):
+            refuse_vectors(self.path, f"{components} components a voxel, which are colours")
+        frames = sizes[3] if count >= 4 else 1
+        frame, name, component, parts = chosen_volume(self.path, part, frames, components)
+        frame_bytes = math.prod(dims) * dtype.itemsize
+        starts = [self._start() + (n * frames + frame) * frame_bytes for n in component.taken]
+        stored = [one_piece(self.path, dims, dtype, start, self._data_file()) for start in starts]
+        return NiftiVoxels(name, stored, component, parts)
 
     @property
     def start_told(self) -> tuple[str, ...]:

@@ -32,14 +32,14 @@ MAGIC = b"# vtk datafile version"
 def open_legacy_vtk(path: Path, part: str) -> OpenedVolume:
     """The reader for a .vtk. Raises BadInput if it is no grid, or an array of scalars must be named."""
     header = legacy_header(path)
-    array = chosen_array(path, part, header.arrays, header.active)
+    array, component = chosen_array(path, part, header.arrays, header.active)
     if not array.scalar_type:
         refuse_vectors(path, f"voxels of type {array.stated_type} in {array.name}")
     why_whole = "" if header.binary else "the voxels are written as text"
     read = _counted(path, header, array)
     parts = parts_of_arrays(part, header.arrays)
     ghosts = ghosts_of(header.arrays, lambda one: _counted(path, header, one), bool(why_whole))
-    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts, ghosts)
+    drawn = GridArray(array.name, array.scalar_type, array.of_cells, read, why_whole, parts, component, ghosts)
     if header.kind == "RECTILINEAR_GRID":
         return opened_grid(path, drawn, [_places(path, header, one) for one in header.coordinates])
     return opened_grid(path, drawn, checked_geometry(path, header.planes, header.spacing, header.origin))

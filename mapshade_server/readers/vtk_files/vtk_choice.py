@@ -1,10 +1,21 @@
-"""Which array of a VTK file is drawn: the one that the name's part names, else the active or only one of scalars."""
+"""Which array of a VTK file is drawn: the one that the name's part names, else the active or only one of scalars.
+
+If there are no scalars it is the only one of vectors, by their magnitude.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from volsplat.mapshade_server.readers.reading.components import (
+    MOST_COMPONENTS,
+    Component,
+    are_colours,
+    chosen_component,
+    has_magnitude,
+    parts_of_components,
+)
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
 from volsplat.mapshade_server.readers.reading.vtk_ghosts import GHOST_TYPE, GHOSTS, Ghosts, Reader
 from volsplat.protocol.text.errors import BadInput
@@ -29,27 +40,45 @@ class NamedArray:
         """The type of its numbers, "" if it is not read."""
         raise NotImplementedError
 
+    @property
+    def has_components(self) -> bool:
+        """Whether it has several numbers that can be drawn one by one."""
+        several = 1 < self.components <= MOST_COMPONENTS and self.scalar_type != ""
+        return several and not are_colours(self.components, self.scalar_type)
+
+    def parts(self, name: str) -> list[Part]:
+        """What of it can be drawn; it goes by this name."""
+        told = "of cells" if self.of_cells else "of points"
+        if self.components == 1:
+            return [Part(name, told)]
+        return [Part(one.part, f"{one.told}, {told}") for one in parts_of_components(self.components, f"{name},")]
+
 
 AnyArray = TypeVar("AnyArray", bound=NamedArray)
 
 
-def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapping[str, str]) -> AnyArray:
-    """The array that `part` names, as `density` or `CellData/density`; points go before cells if none is named.
+def chosen_array(
+    path: Path, part: str, arrays: Sequence[AnyArray], active: Mapping[str, str]
+) -> tuple[AnyArray, Component]:
+    """The array that `part` names, as `density`, `CellData/density` or `velocity,x`, and what is drawn of it.
 
+    Points go before cells if none is named, and scalars before vectors, and these before longer arrays.
     `active` has the names of the scalars that VTK would take, by association. Raises BadInput if one must be named.
     """
     arrays = _without_ghosts(arrays)
     if part:
         return _named(path, part, arrays)
-    scalars = [one for one in arrays if one.components == 1]
+    several = [one for one in arrays if one.has_components]
+    candidates = [one for one in arrays if one.components == 1]
+    candidates = candidates or [one for one in several if has_magnitude(one.components)] or several
     for association in ASSOCIATIONS:
-        found = [one for one in scalars if one.association == association]
+        found = [one for one in candidates if one.association == association]
         taken = [one for one in found if one.name == active.get(association)]
         if taken or len(found) == 1:
-            return (taken or found)[0]
+            return _drawn(path, (taken or found)[0], (taken or found)[0].name, "")
         if found:
             line = f"{path}: holds {_listed(found)}; choose one, as in {path}#{found[0].name}"
-            raise PartNeeded(line, [Part(one.name, "of cells" if one.of_cells else "of points") for one in found])
+            raise PartNeeded(line, [part for one in found for part in one.parts(one.name)])
     if arrays:
         raise BadInput(
             f"{path}: has only {_listed(arrays)}, volsplat needs one number a voxel; save a component or the magnitude"
@@ -59,8 +88,9 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
 
 def parts_of_arrays(part: str, arrays: Sequence[NamedArray]) -> list[Part]:
     """What could be named in place of what is taken if nobody names an array; none where one is named or alone."""
-    scalars = [one for one in _without_ghosts(arrays) if one.components == 1]
-    return _told(scalars) if not part and len(scalars) > 1 else []
+    drawable = [one for one in _without_ghosts(arrays) if one.components == 1 or one.has_components]
+    parts = [told for one in drawable for told in one.parts(f"{one.association}/{one.name}")]
+    return parts if not part and len(parts) > 1 else []
 
 
 def ghosts_of(arrays: Sequence[AnyArray], read: Callable[[AnyArray], Reader], reads_whole: bool) -> Ghosts:
@@ -77,20 +107,27 @@ def _without_ghosts(arrays: Sequence[AnyArray]) -> list[AnyArray]:
     return [one for one in arrays if one.name != GHOSTS]
 
 
-def _told(arrays: Sequence[NamedArray]) -> list[Part]:
-    return [Part(f"{one.association}/{one.name}", "of cells" if one.of_cells else "of points") for one in arrays]
+def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> tuple[AnyArray, Component]:
+    for one in arrays:
+        if part in (one.name, f"{one.association}/{one.name}"):
+            return _drawn(path, one, part, "")
+    name, _, said = part.rpartition(",")
+    for one in arrays:
+        if one.components != 1 and name in (one.name, f"{one.association}/{one.name}"):
+            return _drawn(path, one, name, said)
+    raise BadInput(f"{path}: has no array “{part}”; it has {_listed(arrays) or 'none'}")
 
 
-def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> AnyArray:
-    named = [one for one in arrays if part in (one.name, f"{one.association}/{one.name}")]
-    if not named:
-        raise BadInput(f"{path}: has no array “{part}”; it has {_listed(arrays) or 'none'}")
-    if named[0].components != 1:
+def _drawn(path: Path, array: AnyArray, name: str, said: str) -> tuple[AnyArray, Component]:
+    """The array, which goes by this name, and what is said to be drawn of it. Raises BadInput."""
+    if array.components == 1:
+        return array, Component()
+    if array.components < 1 or are_colours(array.components, array.scalar_type):
         raise BadInput(
-            f"{path}: “{part}” has {named[0].components} components, volsplat needs one number a voxel; "
+            f"{path}: “{name}” has {array.components} components, volsplat needs one number a voxel; "
             "save one component or the magnitude"
         )
-    return named[0]
+    return array, chosen_component(path, said, array.components, f"{name},")
 
 
 def _listed(arrays: Sequence[NamedArray]) -> str:

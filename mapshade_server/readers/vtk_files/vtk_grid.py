@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.readers.reading.components import Component
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, unevenness
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
@@ -29,7 +30,7 @@ Places = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GridArray:
-    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many values along i, j, k."""
+    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many numbers along i, j, k."""
 
     name: str
     scalar_type: str
@@ -37,11 +38,14 @@ class GridArray:
     reader: Callable[[Index], ReadBox]
     why_whole: str
     parts: Sequence[Part]
+    component: Component
     ghosts: Ghosts = field(default_factory=Ghosts)
 
-    def reads(self, dims: Index) -> tuple[str, ReadBox]:
+    def reads(self, path: Path, dims: Index) -> tuple[str, ReadBox]:
         """The type of what is drawn, and what reads it."""
-        return self.ghosts.shown(self.scalar_type, self.reader(dims), dims, self.of_cells)
+        every = self.reader((dims[0] * self.component.count, dims[1], dims[2]))
+        read = self.component.of_interleaved(path, self.scalar_type, every)
+        return self.ghosts.shown(self.component.scalar_type(self.scalar_type), read, dims, self.of_cells)
 
 
 def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArray[Any]]) -> OpenedVolume:
@@ -49,11 +53,11 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
     warnings: tuple[str, ...] = ()
     if isinstance(points, Geometry):
         kind, geometry = "image", grid_of_cells(path, points) if array.of_cells else points
-        scalar_type, read = array.reads(geometry.dims)
+        scalar_type, read = array.reads(path, geometry.dims)
     else:
         kind, places = "rectilinear grid", [_middles(one) for one in points] if array.of_cells else points
         i, j, k = (even_axis(path, name, one) for name, one in zip("xyz", places, strict=True))
-        scalar_type, stored = array.reads((len(places[0]), len(places[1]), len(places[2])))
+        scalar_type, stored = array.reads(path, (len(places[0]), len(places[1]), len(places[2])))
         read = EvenGrid((i, j, k), stored).read
         geometry = checked_geometry(
             path, (i.planes, j.planes, k.planes), (i.step, j.step, k.step), (i.first, j.first, k.first)
@@ -64,7 +68,7 @@ def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArra
         format=f"VTK {kind}{', values of cells' if array.of_cells else ''}",
         geometry=geometry,
         scalar_type=scalar_type,
-        density_name=array.name,
+        density_name=array.component.value_name(array.name),
         warnings=warnings,
         reads_sub_cubes=not array.why_whole,
         chunk=(geometry.dims[0], 1, 1),

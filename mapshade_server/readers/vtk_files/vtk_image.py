@@ -35,7 +35,7 @@ def recognises(head: bytes) -> bool:
 def open_vtk_image(path: Path, part: str) -> OpenedVolume:
     """The reader for a .vti or .vtr. Raises BadInput if it has no array of scalars or one must be named."""
     xml = vtk_xml(path)
-    element = chosen_array(path, part, xml.arrays, xml.active)
+    element, component = chosen_array(path, part, xml.arrays, xml.active)
     drawn = GridArray(
         name=element.name,
         scalar_type=_scalar_type(path, element),
@@ -43,6 +43,7 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
         reader=_reader(path, xml, element),
         why_whole=_why_whole(xml, element),
         parts=parts_of_arrays(part, xml.arrays),
+        component=component,
         ghosts=ghosts_of(xml.arrays, lambda one: _reader(path, xml, one), bool(_why_whole(xml, element))),
     )
     if xml.file.get("type") != "RectilinearGrid":

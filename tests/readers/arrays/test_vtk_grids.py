@@ -459,5 +459,5 @@ def test_which_arrays_there_are_is_told(tmp_path: Path) -> None:
     with pytest.raises(BadInput) as refusal:
         open_volume(f"{path}#speed")
     assert re.search(r"has no array “speed”; it has mass \(of cells\), .*a density", str(refusal.value))
-    with pytest.raises(BadInput, match="“velocity” has 3 components"):
-        open_volume(f"{path}#velocity")
+    with pytest.raises(BadInput, match="has no component “velocity,w”; it has velocity,magnitude, velocity,x"):
+        open_volume(f"{path}#velocity,w")

@@ -195,8 +195,8 @@ def billion_laughs(folder: Path) -> Path:
     return replaced(plain(folder, "text"), b"<VTKFile", entities)
 
 
-def vectors(folder: Path) -> Path:
-    return written(folder / "v.vti", image_of(velocity=np.zeros((3, 4, 5, 3))))
+def colours(folder: Path) -> Path:
+    return written(folder / "v.vti", image_of(rgb=np.zeros((3, 4, 5, 3), np.uint8)))
 
 
 def other_kind(folder: Path) -> Path:
@@ -262,7 +262,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda d: replaced(plain(d), b'offset="0"', b'offset="99999999"'),
         "8 bytes, but 0 follow",
     ),
-    "vectors": (vectors, "has only velocity (3 components), volsplat needs one number a voxel"),
+    "colours": (colours, "has only rgb (3 components), volsplat needs one number a voxel"),
     "another data set": (other_kind, "holds VTK's StructuredGrid, volsplat reads ImageData"),
 }
 
@@ -275,9 +275,9 @@ def test_bad_input_is_refused_in_one_line(case: str, tmp_path: Path, capfd: pyte
 
 def test_parts_that_are_no_scalars_are_refused(tmp_path: Path) -> None:
     values = values_of("int16")
-    path = written(tmp_path / "v.vti", image_of(density=values, velocity=np.zeros((*values.shape, 3))))
-    with pytest.raises(BadInput, match="“velocity” has 3 components"):
-        open_volume(f"{path}#velocity")
+    path = written(tmp_path / "v.vti", image_of(density=values, rgb=np.zeros((*values.shape, 3), np.uint8)))
+    with pytest.raises(BadInput, match="“rgb” has 3 components"):
+        open_volume(f"{path}#rgb")
     with pytest.raises(BadInput, match="has no array “speed”; it has density"):
         open_volume(f"{path}#speed")
 

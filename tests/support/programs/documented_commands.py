@@ -28,7 +28,7 @@ NOT_RUN = {
     r"192\.168\.|node1:7000|9100": "needs other machines: test_command_line.py and test_metrics.py start servers",
     r"lab\.toml": "needs machines: test_lab_page.py has some, test_deploy.py and test_dask.py clusters",
     r"^ssh ": "needs another machine: test_gate.py asks at a port that is forwarded",
-    r"https://|4HHB|scans/#|ome\.tif|run\.h5|head\.raw": "needs other files: the readers' tests have such",
+    r"https://|4HHB|scans/#|ome\.tif|wind\.vti|run\.h5|head\.raw": "needs other files: the readers' tests have such",
     r"--behind": "needs a hub's proxy: test_behind_proxy_browser.py has one that does the same",
     r" bench ": "takes minutes: test_bench_commands.py runs each on small volumes",
     r" gallery ": "takes a minute: test_gallery.py draws the plates small",

@@ -1,0 +1,264 @@
+"""Several numbers a voxel, in VTK's files, MetaImage and NIfTI: components and magnitude, named alike in each."""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from support.files.opened import described, read_whole, refused
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.open_volume import parts_of
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box
+
+vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML")
+vtk_legacy = pytest.importorskip("vtkmodules.vtkIOLegacy")
+
+FLOWS = np.random.default_rng(1).normal(0, 100, (4, 5, 6, 7, 9))  # frame, k, j, i, component
+BOX = Box((1, 2, 1), (5, 5, 4))
+IN_BOX = (slice(1, 4), slice(2, 5), slice(1, 5))
+
+
+def flow(count: int = 3, scalar_type: str = "float32") -> Voxels:
+    """So many numbers a voxel; floats hold NaN and infinities."""
+    values = np.ascontiguousarray(FLOWS[0, ..., :count]).astype(scalar_type)
+    if values.dtype.kind == "f":
+        values[1, 2, 3, 1], values[4, 5, 6, 0], values[0, 0, 0, :2] = np.nan, np.inf, (np.inf, np.nan)
+    return values
+
+
+def magnitude(values: Voxels) -> Voxels:
+    squares = functools.reduce(np.add, [values[..., n].astype(np.float64) ** 2 for n in range(values.shape[-1])])
+    return np.sqrt(squares).astype(np.result_type(values.dtype, np.float32))
+
+
+def with_array(grid: Any, values: Voxels, name: str = "velocity") -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    array = numpy_to_vtk(values.reshape(-1, values.shape[-1]), deep=True)
+    array.SetName(name)
+    grid.GetPointData().AddArray(array)
+    return grid
+
+
+def image(values: Voxels) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+
+    grid = vtkImageData()
+    grid.SetDimensions(*values.shape[2::-1])
+    return with_array(grid, values)
+
+
+def rectilinear(values: Voxels) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonDataModel import vtkRectilinearGrid
+
+    grid = vtkRectilinearGrid()
+    grid.SetDimensions(*values.shape[2::-1])
+    for name, planes in zip("XYZ", values.shape[2::-1], strict=True):
+        getattr(grid, f"Set{name}Coordinates")(numpy_to_vtk(np.arange(float(planes)), deep=True))
+    return with_array(grid, values)
+
+
+def by_vtk(path: Path, grid: Any, **settings: int) -> Path:
+    """`settings` are setters of VTK's writer, without their Set."""
+    images = grid.IsA("vtkImageData")
+    if path.suffix == ".vtk":
+        writer = getattr(vtk_legacy, f"vtk{'StructuredPoints' if images else 'RectilinearGrid'}Writer")()
+    else:
+        writer = getattr(vtk_xml, f"vtkXML{'ImageData' if images else 'RectilinearGrid'}Writer")()
+    for name, value in settings.items():
+        getattr(writer, f"Set{name}")(value)
+    writer.SetInputData(grid)
+    writer.SetFileName(str(path))
+    assert writer.Write() == 1
+    return path
+
+
+def by_simple_itk(path: Path, values: Voxels, compressed: bool = False) -> Path:
+    sitk.WriteImage(sitk.GetImageFromArray(values, isVector=True), str(path), compressed)
+    return path
+
+
+def by_nibabel(path: Path, frames: Voxels, intent: str | int = "vector") -> Path:
+    """`frames` are shaped (frame, k, j, i, component)."""
+    written = nibabel.Nifti1Image(frames.transpose(3, 2, 1, 0, 4), np.eye(4))
+    written.header.set_intent(intent, allow_unknown=True)
+    nibabel.save(written, str(path))
+    return path
+
+
+FILES: dict[str, Callable[[Path, Voxels], Path]] = {
+    "VTK image": lambda d, v: by_vtk(d / "v.vti", image(v)),
+    "VTK image, raw": lambda d, v: by_vtk(d / "v.vti", image(v), DataMode=2, EncodeAppendedData=0, CompressorType=0),
+    "VTK image, blocks": lambda d, v: by_vtk(d / "v.vti", image(v), DataMode=2, EncodeAppendedData=0, BlockSize=96),
+    "VTK grid": lambda d, v: by_vtk(d / "v.vtr", rectilinear(v)),
+    "VTK's older image": lambda d, v: by_vtk(d / "v.vtk", image(v), FileType=2),
+    "VTK's older grid": lambda d, v: by_vtk(d / "v.vtk", rectilinear(v), FileType=2),
+    "MetaImage": lambda d, v: by_simple_itk(d / "v.mha", v),
+    "MetaImage, zlib": lambda d, v: by_simple_itk(d / "v.mhd", v, compressed=True),
+    "NIfTI": lambda d, v: by_nibabel(d / "v.nii", v[None]),
+    "NIfTI, gzip": lambda d, v: by_nibabel(d / "v.nii.gz", v[None]),
+}
+
+
+def before(case: str) -> str:
+    """What a component's name has in front of it, and what its values' name has."""
+    return "velocity," if "VTK" in case else ""
+
+
+@pytest.mark.parametrize("case", FILES)
+@pytest.mark.parametrize("scalar_type", ["float32", "float64", "int16", "int32"])
+def test_a_vector_is_its_magnitude_or_a_component(case: str, scalar_type: str, tmp_path: Path) -> None:
+    values = flow(3, scalar_type)
+    path = FILES[case](tmp_path, values)
+    wanted = {"": magnitude(values), f"#{before(case)}magnitude": magnitude(values)}
+    wanted |= {f"#{before(case)}{name}": values[..., n] for n, name in enumerate("xyz")}
+    wanted |= {f"#{before(case)}2": values[..., 2]}
+    for name, numbers in wanted.items():
+        got = read_whole(f"{path}{name}")
+        assert got.dtype == numbers.dtype == described(f"{path}{name}").scalar_type
+        assert got.flags.c_contiguous
+        np.testing.assert_array_equal(got, numbers)
+        reader = open_volume(f"{path}{name}")
+        np.testing.assert_array_equal(reader.read(BOX), numbers[IN_BOX])
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_values_are_called_what_they_are_of_the_array(case: str, tmp_path: Path) -> None:
+    path = FILES[case](tmp_path, flow(3))
+    array = "velocity, " if "VTK" in case else ""
+    assert described(path).density_name == f"{array}magnitude"
+    assert described(f"{path}#{before(case)}y").density_name == f"{array}component y"
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_the_components_are_listed_and_each_can_be_opened(case: str, tmp_path: Path) -> None:
+    values = flow(2)
+    path = FILES[case](tmp_path, values)
+    parts = [one.part for one in parts_of(str(path))]
+    assert [part.rpartition(",")[2] for part in parts] == ["magnitude", "x", "y"]
+    for part, numbers in zip(parts, (magnitude(values), values[..., 0], values[..., 1]), strict=True):
+        np.testing.assert_array_equal(read_whole(f"{path}#{part}"), numbers)
+        assert not parts_of(f"{path}#{part}")
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_of_more_numbers_one_must_be_chosen(case: str, tmp_path: Path) -> None:
+    values = flow(6)
+    path = FILES[case](tmp_path, values)
+    with pytest.raises(PartNeeded, match=f"has 6 components a voxel.*choose one, as in .*#{before(case)}0") as needed:
+        open_volume(str(path))
+    assert [one.part for one in needed.value.parts] == [f"{before(case)}{n}" for n in range(6)]
+    np.testing.assert_array_equal(read_whole(f"{path}#{before(case)}4"), values[..., 4])
+    assert described(f"{path}#{before(case)}4").density_name.endswith("component 4")
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_a_wrong_name_is_refused_with_those_that_there_are(case: str, tmp_path: Path) -> None:
+    path, of = FILES[case](tmp_path, flow(3)), before(case)
+    for wrong in ("w", "3", "X", "-1"):
+        assert f"it has {of}magnitude, {of}x, {of}y, {of}z" in refused(f"{path}#{of}{wrong}")
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_a_huge_count_is_refused(case: str, tmp_path: Path) -> None:
+    path = FILES[case](tmp_path, np.zeros((1, 2, 2, 1500), np.int16))
+    named = f"{path}#velocity" if before(case) else path
+    assert "1500 components a voxel, 0 to 1499, volsplat reads no more than 1024" in refused(named)
+    assert "1500 components" in refused(path)
+
+
+@pytest.mark.parametrize("case", FILES)
+@pytest.mark.parametrize("count", [3, 4])
+def test_bytes_are_colours(case: str, count: int, tmp_path: Path) -> None:
+    path = FILES[case](tmp_path, np.zeros((5, 6, 7, count), np.uint8))
+    line = refused(path)
+    assert "volsplat needs one number a voxel" in line and f"{count} c" in line
+
+
+def test_a_frame_and_a_component_are_named_together(tmp_path: Path) -> None:
+    frames = FLOWS[..., :3].astype(np.int16)
+    path = by_nibabel(tmp_path / "v.nii", frames)
+    with pytest.raises(PartNeeded, match="series of 4 volumes"):
+        open_volume(str(path))
+    np.testing.assert_array_equal(read_whole(f"{path}#2"), magnitude(frames[2]))
+    np.testing.assert_array_equal(read_whole(f"{path}#2,y"), frames[2, ..., 1])
+    assert "no component “2,w”; it has 2,magnitude, 2,x" in refused(f"{path}#2,w")
+
+
+def test_a_series_of_vectors_in_metaimage_is_taken_apart(tmp_path: Path) -> None:
+    frames = FLOWS[..., :3].astype(np.int16)
+    path = tmp_path / "v.mha"
+    series = sitk.JoinSeries([sitk.GetImageFromArray(frame, isVector=True) for frame in frames])
+    sitk.WriteImage(series, str(path))
+    np.testing.assert_array_equal(read_whole(f"{path}#3"), magnitude(frames[3]))
+    np.testing.assert_array_equal(read_whole(f"{path}#1,z"), frames[1, ..., 2])
+
+
+def test_components_are_scaled_before_their_magnitude_is_taken(tmp_path: Path) -> None:
+    stored = flow(3, "int16")
+    path = by_nibabel(tmp_path / "v.nii", stored[None])
+    raw = bytearray(path.read_bytes())
+    raw[112:120] = np.array([0.5, 3], "<f4").tobytes()
+    path.write_bytes(raw)
+    scaled = (stored * 0.5 + 3).astype(np.float32)
+    np.testing.assert_array_equal(read_whole(path), magnitude(scaled))
+
+
+def test_scalars_go_before_vectors_which_are_listed_with_them(tmp_path: Path) -> None:
+    density = np.arange(5 * 6 * 7, dtype=np.int16).reshape(5, 6, 7, 1)
+    path = by_vtk(tmp_path / "v.vti", with_array(image(flow(3)), density, "density"))
+    np.testing.assert_array_equal(read_whole(path), density[..., 0])
+    velocity = [f"PointData/velocity,{name}" for name in ("magnitude", "x", "y", "z")]
+    assert sorted(one.part for one in parts_of(str(path))) == ["PointData/density", *velocity]
+    np.testing.assert_array_equal(read_whole(f"{path}#velocity"), magnitude(flow(3)))
+
+
+def test_one_of_several_vectors_must_be_named(tmp_path: Path) -> None:
+    path = by_vtk(tmp_path / "v.vti", with_array(image(flow(3)), flow(2), "vorticity"))
+    with pytest.raises(PartNeeded, match="velocity.*vorticity") as needed:
+        open_volume(str(path))
+    names = [f"velocity,{name}" for name in ("magnitude", "x", "y", "z")]
+    assert [one.part for one in needed.value.parts] == [*names, *(f"vorticity,{n}" for n in ("magnitude", "x", "y"))]
+
+
+def test_text_is_taken_apart_too(tmp_path: Path) -> None:
+    values = flow(3, "int32")
+    for path in (
+        by_vtk(tmp_path / "v.vti", image(values), DataMode=0),
+        by_vtk(tmp_path / "v.vtk", image(values), FileType=1),
+    ):
+        np.testing.assert_array_equal(read_whole(path), magnitude(values))
+        np.testing.assert_array_equal(read_whole(f"{path}#velocity,y"), values[..., 1])
+
+
+def test_colours_by_intent_are_no_vector(tmp_path: Path) -> None:
+    path = by_nibabel(tmp_path / "v.nii", flow(3)[None], 2003)
+    assert "3 components a voxel, which are colours" in refused(path)
+
+
+def test_a_statistic_with_its_parameters_is_no_vector(tmp_path: Path) -> None:
+    path = by_nibabel(tmp_path / "v.nii", flow(2)[None], "t test")
+    assert "a statistic and its 1 parameters" in refused(path)
+
+
+@pytest.mark.parametrize("stated", ["0", "-3", "three", "99999999999999999999"])
+def test_a_count_that_makes_no_sense_is_refused(stated: str, tmp_path: Path) -> None:
+    path = by_simple_itk(tmp_path / "v.mha", flow(3))
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(b"ElementNumberOfChannels = 3", f"ElementNumberOfChannels = {stated}".encode()))
+    assert f'"ElementNumberOfChannels = {stated}" cannot be used' in refused(path)
+
+
+def test_a_vector_that_the_file_cannot_hold_is_refused(tmp_path: Path) -> None:
+    path = by_simple_itk(tmp_path / "v.mha", flow(3))
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(b"ElementNumberOfChannels = 3", b"ElementNumberOfChannels = 900"))
+    assert "promises 756000 bytes" in refused(f"{path}#0")
