@@ -58,7 +58,7 @@ class Lending:
             self._parts[server] = deque(self._parts_of(server, boxes, message.scalar_types))
         if not self._parts:
             return self._end()  # every receiver was lost meanwhile
-        return told + [more for server in list(self._parts) for more in self._ask(server)]
+        return told + [more for server in list(self._parts) for more in self.ask_next(server)]
 
     def part_read(self, message: messages.PartRead, values: memoryview) -> list[Instruction]:
         """Pass a part on, in the memory that it came in."""
@@ -67,15 +67,7 @@ class Lending:
             return []  # it was lost meanwhile
         return [Send(server, messages.HoldPart(assignment=self._assignment, part=message.part), values)]
 
-    def part_held(self, server: int) -> list[Instruction]:
-        return self._ask(server)
-
-    def lost(self, server: int) -> list[Instruction]:
-        """Go on without a receiver."""
-        self._boxes.pop(server, None)
-        return self._end() if self._parts.pop(server, None) else []
-
-    def _ask(self, server: int) -> list[Instruction]:
+    def ask_next(self, server: int) -> list[Instruction]:
         """Ask the lender for this receiver's next part; after the very last one it may let go of the volume."""
         if server not in self._parts:
             return []
@@ -84,6 +76,11 @@ class Lending:
             return [Send(self.lender, ask)]
         del self._parts[server]
         return [Send(self.lender, ask), *self._end()]
+
+    def lost(self, server: int) -> list[Instruction]:
+        """Go on without a receiver."""
+        self._boxes.pop(server, None)
+        return self._end() if self._parts.pop(server, None) else []
 
     def _end(self) -> list[Instruction]:
         if self._parts:

@@ -355,7 +355,7 @@ class VolumeHolding:
 
     @takes(PartHeld, Phase.READING, Phase.EMPTY)
     def _part_held(self, message: PartHeld, event: MessageReceived) -> list[Instruction]:
-        return self._lending.part_held(event.server) if self._lending else []
+        return self._lending.ask_next(event.server) if self._lending else []
 
     @takes(SubCubesRead, Phase.READING, Phase.EMPTY)
     def _sub_cubes_read(self, message: SubCubesRead, event: MessageReceived) -> list[Instruction]:
