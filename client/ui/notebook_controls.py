@@ -60,7 +60,7 @@ class ControlsTalk:
         self._on_scene(self._viewing.model.now)
         self._subscriptions.callback(self._throttle.cancel)
         self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
-        self._subscriptions.callback(self._viewing.on_picture(self._on_picture))
+        self._subscriptions.callback(self._viewing.pictures.subscribe(self._on_picture))
 
     def end(self) -> None:
         self._subscriptions.close()

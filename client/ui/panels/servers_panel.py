@@ -47,7 +47,7 @@ class ServersPanel:
         self._expansion.on_value_change(self._ask)
         context.client.on_delete(self._throttle.cancel)
         for unsubscribe in (
-            viewing.on_picture(self._note),
+            viewing.pictures.subscribe(self._note),
             viewing.model.subscribe(lambda _: self._ask()),
             viewing.troubles.subscribe(lambda _: self._hear()),
         ):

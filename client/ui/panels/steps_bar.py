@@ -36,7 +36,7 @@ def steps_bar(viewing: Viewing) -> None:
         state.note(picture)
         throttle()
 
-    context.client.on_delete(viewing.on_picture(note))
+    context.client.on_delete(viewing.pictures.subscribe(note))
     context.client.on_delete(viewing.model.subscribe(lambda _: throttle()))
     throttle()
 

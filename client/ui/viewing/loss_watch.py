@@ -15,7 +15,7 @@ SECONDS_BETWEEN_LOOKS = 0.25
 async def watch_for_losses(viewing: Viewing) -> None:
     """Until cancelled."""
     watch = _LossWatch(viewing)
-    leave = viewing.on_picture(watch.see)
+    leave = viewing.pictures.subscribe(watch.see)
     try:
         while True:
             watch.look()

@@ -136,7 +136,3 @@ class Viewing:
     def show_scene(self, scene: Scene) -> None:
         """Put another scene in place of the present one, which undo brings back; the image has its size as before."""
         self.model.change(lambda _: self.image_size.fitted(scene))
-
-    def on_picture(self, subscriber: Callable[[Picture], None]) -> Unsubscribe:
-        """Have `subscriber` called with every picture, in the event loop's thread."""
-        return self.pictures.subscribe(subscriber)
