@@ -23,7 +23,7 @@ from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS, distinct_steps, drawn_alike, finer, finest_step
 from volsplat.protocol.text.errors import VolsplatError
 
@@ -248,7 +248,7 @@ class DrawingLoop:
             if self._model.now.revision != state.revision:
                 return False
             # What a drag or coarser steps have left on the screen stays there until the step after it is finished.
-            if step != Step.A and not refinement.complete and _is_laid_over(state.scene):
+            if step != Step.A and not refinement.complete and not state.scene.refine.bare_buffer:
                 assert shown is not None
                 refinement = replace(
                     refinement, published=laid_over(refinement.published, shown.published_in_full_size)
@@ -285,7 +285,3 @@ class DrawingLoop:
         tell, self._on_first = self._on_first, None
         if tell is not None:
             tell(picture)
-
-
-def _is_laid_over(scene: Scene) -> bool:
-    return not scene.refine.bare_buffer
