@@ -57,6 +57,7 @@ RNA = DataSet(
     phantom="rna",
     phantom_label="RNA phantom: two stacked arms",
     measured="trna/1ehz.pdb",
+    part="density",
     measured_label="tRNA-Phe of yeast (1EHZ), density from its atoms",
 )
 PROTEIN = DataSet(

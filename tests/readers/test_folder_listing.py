@@ -270,7 +270,7 @@ def test_what_can_be_made_of_reflections_and_atoms_are_parts(root: Path) -> None
     atom = "ATOM      1  CA  GLY A   1       1.000   2.000   3.000  1.00 10.00           C\n"
     models = "".join(f"MODEL     {number:4}\n{atom}ENDMDL\n" for number in (1, 2))
     (root / "two.pdb").write_text(f"{models}END\n", encoding="ascii")
-    assert [part for part, _ in parts(root, "two.pdb")] == ["density", "elements", "frequency", "amplitude", "model=2"]
+    assert [part for part, _ in parts(root, "two.pdb")] == ["elements", "density", "frequency", "amplitude", "model=2"]
     for name in ("refined.mtz", "intensities.mtz", "unknown.mtz", "two.pdb"):
         for part, _ in parts(root, name):
             open_volume(f"{root / name}#{part}").describe()

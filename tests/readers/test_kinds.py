@@ -265,14 +265,15 @@ END
 """
 
 
-def test_atoms_are_a_density_or_bands_of_elements(tmp_path: Path) -> None:
+def test_atoms_are_bands_of_elements_or_a_density(tmp_path: Path) -> None:
     path = tmp_path / "two.pdb"
     path.write_text(PDB)
-    assert described(path).kind is Kind.ATOM_DENSITY and described(path).bands == ()
-    elements = described(f"{path}#elements")
-    assert elements.kind is Kind.ELEMENTS
+    density = described(f"{path}#density")
+    assert density.kind is Kind.ATOM_DENSITY and density.bands == ()
+    elements = described(path)
+    assert elements.kind is Kind.ELEMENTS and described(f"{path}#elements") == elements
     nitrogen = next(band for band in elements.bands if band.name == "N")
-    voxels = open_volume(f"{path}#elements").read(elements.geometry.box)
+    voxels = open_volume(str(path)).read(elements.geometry.box)
     assert ((voxels >= nitrogen.low) & (voxels <= nitrogen.high)).any()
     assert {band.name for band in elements.bands if ((voxels >= band.low) & (voxels <= band.high)).any()} >= {"N", "C"}
     assert not any(band.low <= 0 <= band.high for band in elements.bands)
@@ -299,7 +300,8 @@ REAL = [
     ("maps/3ek3-2fofc.map.gz", Kind.CRYSTAL_MAP),
     ("maps/EMD-3001.map", Kind.CRYSTAL_MAP),
     ("maps/EMD-3197.map", Kind.EM_MAP),
-    ("maps/3ek3.cif", Kind.ATOM_DENSITY),
+    ("maps/3ek3.cif", Kind.ELEMENTS),
+    ("maps/3ek3.cif#density", Kind.ATOM_DENSITY),
     ("structure_factors/r5wkdsf.ent", Kind.CRYSTAL_MAP),
     ("structure_factors/r5wkdsf.ent#map:pdbx_DELFWT,pdbx_DELPHWT", Kind.DIFFERENCE_MAP),
     ("structure_factors/r5wkdsf.ent#frequency", Kind.STRUCTURE_FACTORS),

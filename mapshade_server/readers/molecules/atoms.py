@@ -1,9 +1,10 @@
 """Molecules by the coordinates of their atoms, in PDB files (.pdb, .ent, also gzip), PQR and mmCIF, through gemmi.
 
 They become voxels by atom_density, in the coordinates' own axes and Å, so that a map of the same molecule lies in the
-same place; or by calculated_factors, in the dimensions of frequency. After `#`, parted by commas: `density` (if nothing
-is said), `elements`, `frequency` or `amplitude`; the spacing of the grid, or the resolution, in Å; `waters=keep`, which
-are left out else; `model=2`, else the first. As in 4hhb.pdb#elements,0.5,waters=keep and 1jk9.pdb#frequency
+same place; or by calculated_factors, in the dimensions of frequency. After `#`, parted by commas: `elements` (if
+nothing is said), `density`, `frequency` or `amplitude`; the spacing of the grid, or the resolution, in Å;
+`waters=keep`, which are left out else; `model=2`, else the first. As in 4hhb.pdb#density,0.5,waters=keep and
+1jk9.pdb#frequency
 """
 
 import math
@@ -38,8 +39,8 @@ from volsplat.protocol.text.errors import BadInput
 
 IN_FREQUENCY = ("frequency", "amplitude")
 KINDS = {
-    "density": "a synthetic electron density",
     "elements": "a colour for each element, and bonds",
+    "density": "a synthetic electron density",
     "frequency": "calculated structure factors, with phases",
     "amplitude": "calculated structure factors",
 }
@@ -87,7 +88,7 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
     if kind in IN_FREQUENCY:
         reflections = calculated_reflections(path, structure, model, fineness, warnings)
         return open_reflections(reflections, f"{name}, {len(atoms.radii)} atoms", kind)
-    geometry = _geometry(path, atoms, chosen_spacing(atoms) if fineness is None else fineness)
+    geometry = _geometry(path, kind, atoms, chosen_spacing(atoms) if fineness is None else fineness)
     if atoms.crowded:
         raise BadInput(
             f"{path}: its {len(atoms.radii)} atoms lie in too few places, as where coordinates are placeholders; "
@@ -119,7 +120,7 @@ def _parts(structure: Any) -> list[Part]:
     others = [str(model.num) for model in structure][1:]
     return [
         *(Part(kind, told) for kind, told in KINDS.items()),
-        *(Part(f"model={number}", f"the density of model {number}") for number in others),
+        *(Part(f"model={number}", f"the elements of model {number}") for number in others),
     ]
 
 
@@ -149,7 +150,7 @@ def _model(path: Path, structure: Any, wanted: str | None, warnings: list[str]) 
     if wanted is not None and wanted not in models:
         raise BadInput(f"{path}: has no model {wanted}; its models are {_listed(list(models))}")
     if wanted is None and len(models) > 1:
-        warnings.append(f"of {len(models)} models the first is shown; {path.name}#density,model=N shows another")
+        warnings.append(f"of {len(models)} models the first is shown; {path.name}#model=N shows another")
     return models[wanted or first]
 
 
@@ -186,13 +187,13 @@ def _element_class(element: Any) -> int:
     return OTHER_CLASS if found == BOND_CLASS else found
 
 
-def _geometry(path: Path, atoms: Atoms, spacing: float) -> Geometry:
+def _geometry(path: Path, kind: str, atoms: Atoms, spacing: float) -> Geometry:
     extent = float((atoms.places.max(axis=0) - atoms.places.min(axis=0)).max())
     if extent / spacing > MOST_VOXELS_ASIDE:
         least = float(f"{1.1 * extent / MOST_VOXELS_ASIDE:.1e}")
         raise BadInput(
             f"{path}: its atoms lie {extent:g} Å apart, too far for a spacing of {spacing:g} Å; "
-            f"give at least {least:g}, as in {path}#density,{least:g}"
+            f"give at least {least:g}, as in {path}#{kind},{least:g}"
         )
     return grid_around(atoms, spacing)
 

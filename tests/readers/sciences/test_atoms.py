@@ -46,8 +46,8 @@ def test_a_real_molecule_has_its_atoms_where_gemmi_has_them(
     name: str, shared_data: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     kind, count, waters, spacing = REAL[name]
-    description = open_volume(str(shared_data / name)).describe()
-    geometry, values = read_whole(shared_data / name)
+    description = open_volume(f"{shared_data / name}#density").describe()
+    geometry, values = read_whole(f"{shared_data / name}#density")
     assert description.format == f"{kind}, {count} atoms as a synthetic electron density"
     assert description.unit == "Å" and description.scalar_type == "float32" and not description.anatomical
     assert max(geometry.dims) <= MOST_VOXELS_ASIDE and geometry.spacing[0] == spacing
@@ -157,8 +157,8 @@ def test_heights_are_electrons_times_occupancy(tmp_path: Path) -> None:
 def test_waters_are_left_out_unless_they_are_asked_for(tmp_path: Path) -> None:
     water = gemmi.Position(8.0, -3.0, 2.0)
     left = open_volume(str(pdb(tmp_path))).describe()
-    assert "1 waters are left out; small.pdb#density,waters=keep keeps them" in left.warnings
-    geometry, values = read_whole(f"{pdb(tmp_path)}#waters=keep")
+    assert "1 waters are left out; small.pdb#elements,waters=keep keeps them" in left.warnings
+    geometry, values = read_whole(f"{pdb(tmp_path)}#density,waters=keep")
     assert value_at(geometry, values, water) == pytest.approx(8.0, rel=tolerances.RANGE_PRINTED)
     assert not open_volume(f"{pdb(tmp_path)}#waters=keep").describe().warnings
 
