@@ -1,4 +1,8 @@
-"""How a server leaves on SIGTERM: its client has others take over, and lets it go; without a client it ends at once."""
+"""How a server leaves on SIGTERM: its client has others take over, and lets it go.
+
+It has LEAVE_SECONDS to complete its frame while the client is heard, which gives a sign of life every half second or
+more often (see heartbeat). Without a client, or with one that is silent, as one that is stopped, a server ends at once.
+"""
 
 import logging
 import os
@@ -12,8 +16,10 @@ from volsplat.program.exit_status import EXIT_TERMINATED
 from volsplat.protocol.messages.session_messages import LeaveSession
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.heartbeat import Heartbeat
 
 LEAVE_SECONDS = 25.0  # for the client: engines give 30 between SIGTERM and SIGKILL
+LEAVING_SILENCE = 1.5  # seconds, of the client: three signs of life are missing, and the server is gone within 2
 
 log = logging.getLogger(__name__)
 
@@ -21,7 +27,9 @@ log = logging.getLogger(__name__)
 class Departure:
     """Begins with the first SIGTERM; a second one ends the process at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, silence: float) -> None:
+        """`silence` is what the client is told of this server: see heartbeat."""
+        self._silence = silence
         self._lock = threading.Lock()  # guards what follows
         self._client: Connection | None = None
         self._begun = False
@@ -44,7 +52,7 @@ class Departure:
         with self._lock:
             self._client, begun = client, self._begun
         if begun and client is not None:
-            self._say_so(client)
+            self._take_leave(client)
 
     def _end_if_idle(self, _signal: int, _frame: FrameType | None) -> None:
         if self._client is None:
@@ -58,17 +66,28 @@ class Departure:
             os._exit(EXIT_TERMINATED)
         if client is not None:
             log.warning("told to end; the client has up to %g s to have others take over", LEAVE_SECONDS)
-            threading.Thread(target=self._say_so, args=(client,), name="tell the client", daemon=True).start()
+            self._take_leave(client)
         if not select.select([signals], [], [], LEAVE_SECONDS)[0]:
             log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)
             os._exit(0)
         _wait_for_sigterm(signals)
         os._exit(EXIT_TERMINATED)
 
-    @staticmethod
-    def _say_so(client: Connection) -> None:
-        with suppress(VolsplatError):  # who receives from it tells that it is lost
-            client.send(LeaveSession())
+    def _take_leave(self, client: Connection) -> None:
+        """Waits for nothing: a client that is frozen may not take what is said to it."""
+        Heartbeat(self._silence).keep(client, lambda: LEAVING_SILENCE, _end_without)
+        threading.Thread(target=_say_so, args=(client,), name="tell the client", daemon=True).start()
+
+
+def _say_so(client: Connection) -> None:
+    with suppress(VolsplatError):  # who receives from it tells that it is lost
+        client.send(LeaveSession())
+
+
+def _end_without(loss: str) -> None:
+    """The client is silent; the main thread may be at work for it for long."""
+    log.warning("%s; this server ends without it", loss)
+    os._exit(EXIT_TERMINATED)
 
 
 def _wait_for_sigterm(signals: int) -> None:

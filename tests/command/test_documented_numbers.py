@@ -18,7 +18,7 @@ from volsplat.deploy.launchers.ssh import CONNECT_SECONDS
 from volsplat.deploy.restart_limit import MOST_RESTARTS, RESTARTS_SECONDS
 from volsplat.mapshade_server.command import mapshade_server
 from volsplat.mapshade_server.prepare.command import prepare_command
-from volsplat.program.departure import LEAVE_SECONDS
+from volsplat.program.departure import LEAVE_SECONDS, LEAVING_SILENCE
 from volsplat.protocol.wire.dialling import PATIENCE_SECONDS
 from volsplat.protocol.wire.framing import LARGEST_GREETING
 from volsplat.protocol.wire.heartbeat import HELD, SIGNS_IN_SILENCE, SILENCE_SECONDS
@@ -114,6 +114,7 @@ PROMISES: list[tuple[Path, str, Any]] = [
     (RELIABILITY, "to {:g} seconds, with a line that says why", UNHEARD_SECONDS + CONNECT_SECONDS),
     (RELIABILITY, "the others draw without it after {:g} seconds, with a line that says so; once", JOINING_SECONDS),
     (RELIABILITY, "It ends in any case after {:g} seconds", LEAVE_SECONDS),
+    (RELIABILITY, "it ends after {:g} seconds of silence", LEAVING_SILENCE),
     (RELIABILITY, "else for a {} of the silence", WORDS[SIGNS_IN_SILENCE]),
     (CLUSTER_FILE, "and after {:g} those that run and do not dial", JOINING_SECONDS),
     (CLUSTER_FILE, "for which it waits, and gives up after {};", WORDS[int(TURN_SECONDS)]),

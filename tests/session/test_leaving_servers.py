@@ -1,13 +1,17 @@
 """Servers that are ended by SIGTERM: others take over between two frames, so that none is incomplete."""
 
+import os
+import select
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Thread
 
+import psutil
 import pytest
 import torch
 
@@ -15,10 +19,11 @@ from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.resident_servers import MAPSHADE, SPLAT, opened
-from support.programs.server_processes import servers
+from support.programs.server_processes import frozen, servers
 from volsplat.client import Session
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.single import SingleProcess
+from volsplat.program.departure import LEAVE_SECONDS, LEAVING_SILENCE
 from volsplat.program.exit_status import EXIT_TERMINATED
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.messages.message import Message
@@ -30,12 +35,18 @@ from volsplat.protocol.messages.session_messages import (
     MachineDescribed,
 )
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.heartbeat import Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 
 __all__ = ["head", "scene", "single"]
 
 ROLES = {MAPSHADE: "map/shade server", SPLAT: "splat server"}
+
+SOON = 0.6 * LEAVE_SECONDS  # ten times what a silent client is given, and too short to wait for one that is heard
+UNTIL = f"told to end; the client has up to {LEAVE_SECONDS:g} s to have others take over"
+SILENT = f"the client has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off; "
+SILENT += "this server ends without it"
 
 
 BUSY = """
@@ -44,18 +55,27 @@ from volsplat.program.departure import Departure
 from volsplat.protocol.wire.connection import Connection
 
 ours, theirs = socket.socketpair()
-departure = Departure()
+departure = Departure(silence=2.0)
 departure.watch()
-departure.attend(Connection(ours, "here"))
-theirs.close()
+departure.attend(Connection(ours, "the client"))
+{}
 os.kill(os.getpid(), signal.SIGTERM)
 threading.Event().wait()  # it is at work, and has not seen yet that its client is gone
 """
 
 
-def test_a_server_whose_client_is_gone_ends_at_once_and_without_a_word() -> None:
-    ended = subprocess.run([sys.executable, "-c", BUSY], capture_output=True, text=True, timeout=PATIENCE)
-    assert (ended.returncode, ended.stderr) == (EXIT_TERMINATED, "")
+@pytest.mark.parametrize(
+    ("client", "said"),
+    [("theirs.close()", []), ("pass", [UNTIL, SILENT])],
+    ids=["gone", "silent"],
+)
+def test_a_server_at_work_whose_client_is_gone_or_silent_ends_and_says_no_more_than_why(
+    client: str, said: list[str]
+) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", BUSY.format(client)], capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert (ended.returncode, ended.stderr.splitlines()) == (EXIT_TERMINATED, said)
 
 
 def test_a_resident_that_cannot_use_any_client_ends_as_one_that_finds_none() -> None:
@@ -125,6 +145,46 @@ def test_in_the_place_of_the_only_one_the_client_starts_another(
         check_whole(refined(session, scene), single, scene)
 
 
+# Draws with servers that it starts, whom it reaches in each way that there is; says which they are, and draws again.
+CLIENT = """
+import sys
+from contextlib import ExitStack
+from volsplat.client import Session
+from volsplat.client.scene.default_scene import default_scene
+
+DOOR, PORT = "127.0.0.1:0", "127.0.0.2:0"  # no Unix socket leads to the second
+with ExitStack() as stack:
+    sessions = [
+        stack.enter_context(Session(sys.argv[1], workers=1, splat_servers=1, listen=listen, tls=tls))
+        for listen, tls in ((DOOR, None), (PORT, None), (PORT, True))
+    ]
+    scene = default_scene(sessions[0].volume.subject())
+    for session in sessions:
+        session.render(scene)
+    print(*(pid for session in sessions for pid in session.server_processes), flush=True)
+    sys.stdin.readline()
+    print(*(refined.complete for session in sessions for refined in list(session.refine(scene))[-1:]), flush=True)
+"""
+
+
+def test_servers_of_a_client_that_is_stopped_end_soon_and_others_draw_once_it_goes_on(head: Path) -> None:
+    command = [sys.executable, "-c", CLIENT, str(head)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as client:
+        assert client.stdin is not None and client.stdout is not None
+        servers = [os.pidfd_open(int(pid)) for pid in client.stdout.readline().split()]
+        assert len(servers) == 6
+        with frozen(psutil.Process(client.pid)):
+            until = time.monotonic() + SOON
+            for server in servers:
+                signal.pidfd_send_signal(server, signal.SIGTERM)
+            for server in servers:
+                assert select.select([server], [], [], max(0.0, until - time.monotonic()))[0], "it has not ended"
+                os.close(server)
+        print("go on", file=client.stdin, flush=True)
+        assert client.stdout.readline() == "True True True\n"
+        assert client.wait(PATIENCE) == 0
+
+
 @pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
 def test_without_a_client_it_ends_at_once(program: str, tmp_path: Path) -> None:
     address = f"127.0.0.1:{free_port()}"
@@ -167,6 +227,15 @@ def test_a_second_sigterm_ends_it_at_once(program: str) -> None:
     with client_that_keeps(program) as (process, _):
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE) == EXIT_TERMINATED
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_it_waits_for_a_client_that_gives_signs_of_life_though_it_says_nothing_else(program: str) -> None:
+    """As while a long frame is drawn."""
+    begin = "import volsplat.program.departure as departure; departure.LEAVE_SECONDS = 2 * departure.LEAVING_SILENCE"
+    with client_that_keeps(program, begin) as (process, client), closing(Heartbeat()) as heartbeat:
+        heartbeat.keep(client, None)
+        assert process.wait(PATIENCE) == 0
 
 
 def test_it_waits_no_longer_than_it_can() -> None:
