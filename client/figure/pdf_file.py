@@ -20,6 +20,7 @@ from volsplat.protocol.description.scene import Colour
 
 HALO = 0.24  # of the words' size: the stroke behind them
 STROKE, FILL = 1, 0  # how reportlab renders text
+SCENE_KEY = "volsplat:scene"  # as images have it
 
 
 def pdf_bytes(drawing: Drawing, picture: NDArray[np.uint8], title: str, scene: str) -> bytes:
@@ -27,15 +28,15 @@ def pdf_bytes(drawing: Drawing, picture: NDArray[np.uint8], title: str, scene: s
     need_pdf()
     import PIL.Image
     from reportlab.lib.utils import ImageReader
+    from reportlab.pdfbase.pdfdoc import PDFDictionary, PDFString
     from reportlab.pdfgen.canvas import Canvas
 
     per_pixel = POINTS_PER_INCH / drawing.dpi
     file = io.BytesIO()
     size = (drawing.width * per_pixel, drawing.height * per_pixel)
     canvas = Canvas(file, pagesize=size, invariant=1, pageCompression=1)
-    canvas.setTitle(title)
-    canvas.setCreator("volsplat")
-    canvas.setSubject(scene)
+    told = {"Title": title, "Creator": "volsplat", SCENE_KEY: scene}
+    canvas._doc.info.format = PDFDictionary({key: PDFString(text) for key, text in told.items()}).format  # any keys
     canvas.scale(per_pixel, per_pixel)
     if drawing.background is not None:
         canvas.setFillColorRGB(*drawing.background)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import ctypes
 from pathlib import Path
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 import PIL.Image
 import pypdfium2
@@ -116,7 +118,18 @@ def test_svg_and_pdf_hold_the_plain_images_pixels_and_words_as_words(
         colours = stored.get_bitmap(render=False).to_pil().convert("RGB")
         assert np.array_equal(np.asarray(colours), levels(plain)[..., :3])
         said = page.get_textpage().get_text_range()
+        told = {key: meta_text(opened, key) for key in ("Title", "Creator", "Subject", "Author")}
+        assert msgspec.json.decode(meta_text(opened, "volsplat:scene"), type=Scene) == scene
+    assert told == {"Title": "a small head", "Creator": "volsplat", "Subject": "", "Author": ""}
     assert all(text in said for text in ("a small head", "middle", "opacity"))
+
+
+def meta_text(document: pypdfium2.PdfDocument, key: str) -> str:
+    """What a PDF file says of itself under a name, perhaps of nobody else's."""
+    bytes_ = pypdfium2.raw.FPDF_GetMetaText(document, key.encode(), None, 0)
+    buffer = ctypes.create_string_buffer(bytes_)
+    pypdfium2.raw.FPDF_GetMetaText(document, key.encode(), buffer, bytes_)
+    return buffer.raw.decode("utf-16-le").rstrip("\0")
 
 
 def test_a_transparent_picture_has_its_colours_whatever_their_alpha(drawn: Drawn, tmp_path: Path) -> None:
