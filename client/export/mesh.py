@@ -23,6 +23,7 @@ from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.visible_blocks import opacities
 from volsplat.program.extras import need
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Scene
+from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 
 MOST_VOXELS = 400_000_000  # 4 bytes each while the surface is looked for, and as much again
@@ -60,7 +61,7 @@ def write_mesh(
     need_mesh()
     with interrupts_held(on_signal=lambda: None):  # what these catch while they load can be a KeyboardInterrupt
         import skimage.measure  # noqa: F401
-        import trimesh
+        import trimesh  # noqa: F401
 
     quantisation = single.volume.quantisation(scene.quantise)
     low, scale = quantisation.window[0], quantisation.density_scale
@@ -75,12 +76,28 @@ def write_mesh(
         raise BadInput(f"no surface has the value {told:g}; the window is {_told(quantisation.window)}: give --level")
     to_physical = np.array(voxels.level.index_to_physical)
     index = np.array(voxels.first) + every * (corners - 1.0)  # one voxel is put around
-    kind, colour = path.suffix.lower()[1:], _colour(scene, density)
+    kind = path.suffix.lower()[1:]
     local = NOWHERE_ELSE if kind == "obj" else local_origin(single.volume.description.geometry)  # .obj is text
     points = index @ to_physical.T + (np.array(voxels.level.origin) - np.array(local))
     if np.linalg.det(to_physical) < 0.0:
         triangles = triangles[:, ::-1]
     voxel = np.linalg.norm(to_physical, axis=0).min()
+    with whole_file(path) as file:
+        file.write(_content(kind, points, triangles, _colour(scene, density), voxel, local))
+    return Written(len(triangles), low + density / scale)
+
+
+def _content(
+    kind: str,
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    colour: NDArray[np.uint8],
+    voxel: float,
+    local: Vector,
+) -> bytes:
+    """Of a file of this kind: points (n, 3) about the place `local`, in the volume's unit, as is a `voxel`'s size."""
+    import trimesh
+
     mesh: Any = trimesh.Trimesh(points / voxel, triangles, process=False)
     mesh.visual.vertex_colors = np.tile(linear(colour) if kind == "glb" else colour, (len(points), 1))
     _ = mesh.face_normals  # which trimesh has of triangles of usual size alone, and keeps
@@ -90,10 +107,8 @@ def write_mesh(
         translation[:3, 3] = local
         placed.add_geometry(mesh, transform=translation)
         mesh = placed
-    with whole_file(path) as file:
-        made = mesh.export(file_type=kind, **({"digits": _digits(voxel)} if kind == "obj" else {}))
-        file.write(made.encode() if isinstance(made, str) else made)
-    return Written(len(triangles), low + density / scale)
+    made = mesh.export(file_type=kind, **({"digits": _digits(voxel)} if kind == "obj" else {}))
+    return made.encode() if isinstance(made, str) else bytes(made)
 
 
 def linear(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
