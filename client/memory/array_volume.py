@@ -42,11 +42,13 @@ class OrientationUnknown(UserWarning):
 class Volume:
     """A volume in memory: an array of numpy, torch, xarray, dask, zarr or h5py, an image of ITK, nibabel or VTK.
 
-    What the object's library tells of its place is taken from it; what is given here counts before that. `axes` names
-    a bare array's axes in their order, "zyx" as numpy users have them (the default) or "xyz" as nibabel's data arrays;
-    images know their own. `spacing` and `origin` are along x, y and z; or `affine`, 4 x 4, leads from indices (x, y, z)
-    to physical axes, which `space` names by where they grow to: "RAS" as nibabel's, "LPS" as ITK's; "" where there is
-    no patient. Raises BadInput.
+    It has three axes of whole numbers or floats, of up to 64 bits each; NaN and infinities are no data, and so is what
+    the library has masked. What the object's library tells of its place is taken from it; what is given here counts
+    before that. `axes` names a bare array's axes in their order, "zyx" as numpy users have them (the default) or "xyz"
+    as nibabel's data arrays; images know their own. `spacing` and `origin` are along x, y and z; or `affine`, 4 x 4,
+    leads from indices (x, y, z) to physical axes, which `space` names by where they grow to: "RAS" as nibabel's, "LPS"
+    as ITK's; "" where there is no patient. Lengths are in `unit`, as "mm", values in `value_unit`, as "HU". `kind` is a
+    Kind or its name, as "CT". Warns by OrientationUnknown where nobody says how the array lies. Raises BadInput.
     """
 
     def __init__(

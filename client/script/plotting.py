@@ -85,7 +85,8 @@ def render(
 
     `scene` is a Scene or a preset's name, else one chosen from the data; `changes` are those of `Scene.with_`, as
     size=300, rotation="front". With a Figure it is that, of its size in print. Draws in this process; a Session is
-    quicker for many images. Raises BadInput.
+    quicker for many images. Warns by VolumeNote, UnsuitedPreset, EmptyImage and MissingLabel. Raises BadInput, and with
+    a Session what its `render` raises.
     """
     step = checked_step(step)
     if figure is not None:
@@ -104,7 +105,7 @@ def plot(
 
     In a notebook it is a viewport that turns (extra [notebook]), else a picture. In a script with a display it is the
     page in the browser (extra [ui]), until Ctrl-C; without one a PNG in the working folder, named after the volume.
-    With `save` it is that file, wherever. Returns the widget or the image.
+    With `save` it is that file, wherever. Returns the widget or the image, of the page None. Raises as `render`.
     """
     if save is None and in_notebook():
         return _in_notebook(volume, scene, changes)
@@ -156,9 +157,9 @@ def export(
     """Write what is visible of a volume for other programs; says what the file holds.
 
     A .ply file holds the visible voxels as 3-D Gaussians, with the light that each "viewer" sees (the default), that of
-    the "scene"'s view, or "even" light. .stl, .glb and .obj files hold the surface of one value, `level` (extra
-    [export]). `volume`, `scene` and `changes` are as in `render`, save for a `Session`, whose voxels its servers hold;
-    `every` takes every so many voxels on each axis. Raises BadInput.
+    the "scene"'s view, or "even" light. .stl, .glb and .obj files hold the surface of one value, `level`, in
+    the volume's own units (extra [export]). `volume`, `scene` and `changes` are as in `render`, save for a `Session`,
+    whose voxels its servers hold; `every` takes every so many voxels on each axis. Raises BadInput.
     """
     place = Path(path)
     if light is not None and light not in LIGHTS:
