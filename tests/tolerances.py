@@ -21,7 +21,7 @@ A_LATTICE_STEP = 1 / 64
 DDA_DRIFT = 1e-6
 """Pixels: half steps are rounded to 2^-32, and some thousands of them add up."""
 
-HALF_A_LEVEL = {"uint8": 0.5 / 255 + 1e-6, "uint16": 0.5 / 65535 + 1e-6, "float": 0.0}
+HALF_A_LEVEL = {"uint8": 0.5 / 255 + 1e-6, "float": 0.0}
 """What rounding to a file's pixels may change; float32 itself holds 0..1 to 6e-8."""
 
 JPEG_LEVELS = 6 / 255
