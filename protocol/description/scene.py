@@ -206,6 +206,12 @@ class Shading(Part, frozen=True):
     two_sided: Annotated[bool, Key("Light surfaces from behind, too.", Switch("two-sided"))] = False
 
 
+def _slabs_share(meaning: str, label: str, tip: str) -> Key:
+    """The key of a share that step G alone obeys."""
+    slide = Slide(label, step=0.05, tip=f"in step G, {tip}")
+    return Key(f"In step G, {meaning}. Other steps ignore it.", slide, UNIT_INTERVAL, slabs_alone=True)
+
+
 class Light(Part, frozen=True):
     """The direction *towards* the light, along screen axes (world) or the volume's physical axes (grid)."""
 
@@ -227,40 +233,34 @@ class Light(Part, frozen=True):
     ] = "world"
     shadows: Annotated[
         float,
-        Key(
-            "In step G, how much of the light is kept from what lies behind opaque matter. Other steps ignore it.",
-            Slide(
-                "cast shadows", step=0.05, tip="in step G, how dark the shadows are that the volume throws on itself"
-            ),
-            UNIT_INTERVAL,
-            slabs_alone=True,
+        _slabs_share(
+            "how much of the light is kept from what lies behind opaque matter",
+            "cast shadows",
+            "how dark the shadows are that the volume throws on itself",
         ),
     ] = 0.0
     occlusion: Annotated[
         float,
-        Key(
-            "In step G, how much darker is what opaque matter surrounds: ambient occlusion. Other steps ignore it.",
-            Slide("occlusion", step=0.05, tip="in step G, how dark hollows are: ambient occlusion"),
-            UNIT_INTERVAL,
-            slabs_alone=True,
+        _slabs_share(
+            "how much darker is what opaque matter surrounds: ambient occlusion",
+            "occlusion",
+            "how dark hollows are: ambient occlusion",
         ),
     ] = 0.0
     depth_cue: Annotated[
         float,
-        Key(
-            "In step G, how much darker the farthest place is than the nearest. Other steps ignore it.",
-            Slide("depth cue", step=0.05, tip="in step G, how much darker the farthest place is than the nearest"),
-            UNIT_INTERVAL,
-            slabs_alone=True,
+        _slabs_share(
+            "how much darker the farthest place is than the nearest",
+            "depth cue",
+            "how much darker the farthest place is than the nearest",
         ),
     ] = 0.0
     silhouettes: Annotated[
         float,
-        Key(
-            "In step G, how much darker surfaces are where they turn away from the viewer. Other steps ignore it.",
-            Slide("silhouettes", step=0.05, tip="in step G, how dark surfaces are where they turn away from you"),
-            UNIT_INTERVAL,
-            slabs_alone=True,
+        _slabs_share(
+            "how much darker surfaces are where they turn away from the viewer",
+            "silhouettes",
+            "how dark surfaces are where they turn away from you",
         ),
     ] = 0.0
 
