@@ -17,13 +17,11 @@ class TaskPool(Protocol):
 
     def on_each(self, task: Callable[[], None], meanwhile: Callable[[], None]) -> None:
         """Does it once in each process that is there. Raises BadInput, with the process's name, if one cannot."""
-        ...
 
     def results(
         self, task: Callable[[Item], Result], items: Iterable[Item], meanwhile: Callable[[], None]
     ) -> Iterator[Result]:
         """Of each item, as they are finished. Closing the iterator calls off what has not."""
-        ...
 
 
 PoolOpener = Callable[[Path, Callable[[str], None]], AbstractContextManager[TaskPool]]

@@ -58,19 +58,15 @@ class Launcher(Protocol):
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         """Start them all, or none: if one cannot be started, those before it are ended again."""
-        ...
 
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
         """How each is, by name. One that cannot be asked is UNKNOWN, with the reason; nothing is raised for it."""
-        ...
 
     def stop(self, servers: Sequence[StartedServer], report: Report) -> None:
         """End them. Returns once they have ended or been told to; those that ended before are no error.
 
         Where people end them, `report` hears how.
         """
-        ...
 
     def logs(self, server: StartedServer, lines: int) -> str:
         """The last lines of what it printed."""
-        ...

@@ -26,7 +26,6 @@ class VolumeFile(Protocol):
 
     def read(self, spans: Sequence[Span]) -> list[bytes]:
         """These bytes, fewer if the file ends before."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,6 @@ class OfFiles(Protocol):
     @property
     def files(self) -> Sequence[VolumeFile]:
         """The one with the header first. None if they are the named file, or all below a folder but for hidden ones."""
-        ...
 
 
 def files_of(opened: OfFiles, path: Path) -> Sequence[VolumeFile]:

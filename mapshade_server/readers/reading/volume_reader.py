@@ -27,16 +27,13 @@ class VolumeReader(Protocol):
 
     def describe(self) -> VolumeDescription:
         """The grid, its place in space and the scalar type; no voxels are read if the format allows that."""
-        ...
 
     def read(self, box: Box) -> Voxels:
         """The voxels of `box`, which must lie within the grid."""
-        ...
 
     @property
     def read_second(self) -> ReadBox | None:
         """As `read`, of a volume whose description has a `second_scalar`; NaN becomes the lowest of its range."""
-        ...
 
 
 def read_scalars(reader: VolumeReader, box: Box) -> list[Voxels]:
