@@ -67,6 +67,7 @@ from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribe
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 
 _STAY = "the sub-cubes stay where they are"
+_NO_HEIR = "nobody takes over what was lost"
 
 
 class Coordinator:
@@ -392,7 +393,7 @@ class Coordinator:
             return []
         self.ahead.ends()
         self.holding.assignments.may_move = False
-        return [ReportProgress(f"{error}; {_STAY}")]
+        return [ReportLoss(f"{error}; {_NO_HEIR}")]
 
     def _link_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
         """It reaches no splat server; the others may, of whom perhaps none has said so yet."""
@@ -424,11 +425,17 @@ class Coordinator:
         """Whoever waits for it is told, and the session goes on."""
         holding, assignments = self.holding, self.holding.assignments
         moves = assignments.moving and assignments.may_move
-        if not holding.refused(server, message.request, message.held):
-            return [ReportProgress(f"{error}; {_STAY}")] if moves else []
+        waited_for = holding.refused(server, message.request, message.held)
+        told: list[Instruction] = []
+        if not self._all_is_held():
+            told = [ReportLoss(f"{error}; {_NO_HEIR}")]
+        elif moves and not waited_for:
+            told = [ReportProgress(f"{error}; {_STAY}")]
+        if not waited_for:
+            return told
         waiting = [one.asked.question for one in self.voxel_questions.waiting()]
         ended = [told for question in waiting for told in self.voxel_questions.refused(question, error)]
-        return [*self.frames.end(error), *ended]
+        return [*told, *self.frames.end(error), *ended]
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:

@@ -489,6 +489,7 @@ def test_answers_of_an_older_assignment_count_for_nothing() -> None:
 LOWER, UPPER = Box((0, 0, 0), (8, 9, 5)), Box((0, 0, 5), (8, 9, 10))
 GONE = "map/shade server 2 at node2:40123 is gone"
 MISSING = f"{GONE}; i 0-7, j 0-8, k 0-4 of the volume are missing"
+NO_HEIR = ReportLoss("no memory; nobody takes over what was lost")
 HANDED_OVER = f"{GONE}; others take over i 0-7, j 0-8, k 0-4 of the volume"
 ALL = Box((0, 0, 0), (8, 9, 10))
 LATE = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
@@ -599,10 +600,11 @@ def test_what_others_cannot_read_is_missing_until_a_server_joins(ahead: bool) ->
     coordinator = drawing()
     if ahead:
         coordinator.handle(ServerLost(FIRST, GONE))
-        coordinator.handle(said(SECOND, messages.Refused("ReadAhead", "no memory", held=1)))
+        refusal = messages.Refused("ReadAhead", "no memory", held=1)
     else:
         lose_first(coordinator)
-        coordinator.handle(said(SECOND, messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)))
+        refusal = messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)
+    assert NO_HEIR in coordinator.handle(said(SECOND, refusal))
     assert coordinator.servers.missing == (LOWER,)
     assert ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))) == MISSING
     coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
@@ -1080,7 +1082,8 @@ def test_what_was_lost_of_a_volume_that_nobody_can_read_again_is_missing() -> No
     lost = tuple(coordinator.holding.boxes[THIRD])
     told = coordinator.handle(ServerLost(THIRD, GONE))
     assert (FIRST, messages.LendVolume) in sent(told)
-    coordinator.handle(said(FIRST, messages.Refused("LendVolume", "no such file", assignment=2, held=1)))
+    refusal = messages.Refused("LendVolume", "no memory", assignment=2, held=1)
+    assert coordinator.handle(said(FIRST, refusal)) == [NO_HEIR]
     assert coordinator.servers.missing == lost
     assert "are missing" in ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True)))
     coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
