@@ -62,7 +62,8 @@ class StateFolder:
     """The folder of one cluster, $XDG_STATE_HOME/volsplat/clusters/NAME. Only its owner may look into it."""
 
     def __init__(self, name: str) -> None:
-        base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+        """Raises BadInput where this user has no home."""
+        base = os.environ.get("XDG_STATE_HOME") or _home() / ".local" / "state"
         self.path = Path(base) / "volsplat" / "clusters" / name
 
     @contextmanager
@@ -151,3 +152,10 @@ class StateFolder:
             self.path.chmod(0o700)
         except OSError as error:
             raise self.unusable("made", error) from error
+
+
+def _home() -> Path:
+    try:
+        return Path.home()
+    except RuntimeError as error:  # as for a container's user whom the container does not know
+        raise BadInput("this user's home is not known; set HOME, or XDG_STATE_HOME to a folder of yours") from error

@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import pwd
 import shlex
 from pathlib import Path
 
@@ -119,6 +120,14 @@ def test_lines_to_type_by_hand_name_the_token_that_is_there(
     for line in said[1:]:
         words = shlex.split(line)
         assert words[words.index("--token-file") + 1] == copied.name
+
+
+def test_a_user_without_a_home_is_told_what_to_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", {}.__getitem__)  # as in a container that runs as a number alone
+    with pytest.raises(BadInput, match="home is not known; set HOME, or XDG_STATE_HOME"):
+        of_file(tmp_path, 'launcher = "local"').up(print)
 
 
 NOBODY_S = '"~nobody-of-this-name/x"'
