@@ -247,8 +247,8 @@ class MapShadeServer:
         self._spans = spans = FrameSpans(request.frame, request.traced)
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         walkers = request.workers[self._client.id]
-        closed_tiles = self._links.begin_frame(request.frame, request.drawing.plan, walkers if request.paced else 0)
         with self._held.room_to_walk(request.drawing, sub_cubes):
+            closed_tiles = self._links.begin_frame(request.frame, request.drawing.plan, walkers if request.paced else 0)
             walk = FrameWalk(sub_cubes, request.drawing, closed_tiles, request.regions, walkers)
             planned = time.perf_counter()
             delivery = FrameDelivery(

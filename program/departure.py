@@ -1,7 +1,8 @@
 """How a server leaves on SIGTERM: its client has others take over, and lets it go.
 
 It has LEAVE_SECONDS to complete its frame while the client is heard, which gives a sign of life every half second or
-more often (see heartbeat). Without a client, or with one that is silent, as one that is stopped, a server ends at once.
+more often (see heartbeat). Without a client, or with one that is silent, a server ends at once: the client is stopped,
+or a library holds its interpreter. It heals then, as after any loss.
 """
 
 import logging
@@ -65,7 +66,7 @@ class Departure:
         if client is not None and client.hung_up:  # who would have others take over is gone
             os._exit(EXIT_TERMINATED)
         if client is not None:
-            log.warning("told to end; the client has up to %g s to have others take over", LEAVE_SECONDS)
+            log.warning("told to end; while the client is heard, it has up to %g s to have others take over", LEAVE_SECONDS)
             self._take_leave(client)
         if not select.select([signals], [], [], LEAVE_SECONDS)[0]:
             log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)

@@ -44,7 +44,7 @@ __all__ = ["head", "scene", "single"]
 ROLES = {MAPSHADE: "map/shade server", SPLAT: "splat server"}
 
 SOON = 0.6 * LEAVE_SECONDS  # ten times what a silent client is given, and too short to wait for one that is heard
-UNTIL = f"told to end; the client has up to {LEAVE_SECONDS:g} s to have others take over"
+UNTIL = f"told to end; while the client is heard, it has up to {LEAVE_SECONDS:g} s to have others take over"
 SILENT = f"the client has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off; "
 SILENT += "this server ends without it"
 
