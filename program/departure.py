@@ -66,7 +66,9 @@ class Departure:
         if client is not None and client.hung_up:  # who would have others take over is gone
             os._exit(EXIT_TERMINATED)
         if client is not None:
-            log.warning("told to end; while the client is heard, it has up to %g s to have others take over", LEAVE_SECONDS)
+            log.warning(
+                "told to end; while the client is heard, it has up to %g s to have others take over", LEAVE_SECONDS
+            )
             self._take_leave(client)
         if not select.select([signals], [], [], LEAVE_SECONDS)[0]:
             log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)
