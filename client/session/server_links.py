@@ -223,8 +223,13 @@ class ServerLinks:
             self._drop(connection, error)
             return
         by_hand = not (self._replaces or self._local.has(peer.name))
-        self._take_in(connection, outgoing, by_hand)
-        cause = self._heard_until_lost(connection, heard)
+        try:
+            self._take_in(connection, outgoing, by_hand)
+            cause = self._heard_until_lost(connection, heard)
+        except Exception as error:  # in our own code, or in what a script has us call: nobody may wait for this server
+            log.exception("%s is heard no more", peer)
+            connection.close()
+            cause = f"{peer} is heard no more: {type(error).__name__}: {error}"
         self._let_go(peer, outgoing, cause)
         if by_hand and not self._closing:
             self._wait_for_another(peer, cause)

@@ -1,5 +1,6 @@
 """Servers that the client started itself: in the place of one that ends another is started, but not for ever."""
 
+import logging
 import math
 import signal
 from pathlib import Path
@@ -12,6 +13,7 @@ from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import servers
 from volsplat.client import Session
+from volsplat.client.session import server_links
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy import restart_limit
 from volsplat.deploy.restart_limit import MOST_RESTARTS
@@ -69,3 +71,24 @@ def test_a_server_that_ends_again_and_again_is_given_up_with_one_clear_line(
         assert NAMES[program] in told and "\n" not in told
         assert "was killed by SIGKILL (by hand, or by the system for want of memory)" in told
     assert psutil.wait_procs(left, timeout=PATIENCE)[1] == []
+
+
+def test_a_session_ends_in_a_line_if_an_error_keeps_it_from_hearing_its_servers(
+    head: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here of what logs, as by a clock that Python has no date for."""
+
+    def fails(record: logging.LogRecord) -> bool:
+        if getattr(record, "event", "") == "server_joined":
+            raise OverflowError("date value out of range")
+        return True
+
+    monkeypatch.setattr(restart_limit, "RESTARTS_SECONDS", math.inf)  # as above
+    logger = logging.getLogger(server_links.__name__)
+    logger.addFilter(fails)
+    try:
+        with caplog.at_level(logging.INFO), pytest.raises(PeerLost), Session(head, workers=1) as session:
+            session.default_scene()
+    finally:
+        logger.removeFilter(fails)
+    assert "is heard no more" in caplog.text and "OverflowError: date value out of range" in caplog.text
