@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+import nibabel
 import numpy as np
 import pytest
 import torch
@@ -77,6 +78,15 @@ def stored(folder: Path, scalar_type: str, side: int = SIDE) -> Path:
 @pytest.mark.parametrize("scalar_type", ["int16", "float32"])
 def test_what_is_reckoned_is_what_is_taken(tmp_path: Path, scalar_type: str) -> None:
     check_reckoned(PEAK, str(stored(tmp_path, scalar_type)))
+
+
+@pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
+def test_what_is_reckoned_of_a_vector_is_what_is_taken(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"v{suffix}"
+    vectors = np.zeros((SIDE, SIDE, SIDE, 1, 3), np.float32)
+    vectors[::8] = np.random.default_rng(1).random((SIDE, SIDE, 1, 3)) * 100
+    nibabel.save(nibabel.Nifti1Image(vectors, np.eye(4)), str(path))
+    check_reckoned(PEAK, str(path))
 
 
 def test_what_is_reckoned_for_step_g_is_what_it_keeps_of_a_solid() -> None:

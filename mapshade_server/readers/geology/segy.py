@@ -160,7 +160,7 @@ def _options(path: Path, part: str) -> _Options:
     places = []
     for key, usual in (("il", INLINE), ("xl", CROSSLINE)):
         said = values.get(key, str(usual))
-        if not said.isdecimal() or int(said) not in _field_places():
+        if said not in map(str, _field_places()):
             raise BadInput(
                 f"{path}: “{key}={said}” is no byte where a field of the trace header starts; say it {example}"
             )

@@ -5,6 +5,7 @@ without a word. The sform counts if its code is set and it spans space, else the
 """
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -83,9 +84,7 @@ def open_nifti(path: Path, part: str) -> OpenedVolume:
             return one.read(box)
         return (one.read(box).astype(np.float64) * slope + intercept).astype(scaled_type)
 
-    def read(box: Box) -> Voxels:
-        return component.of((numbers(one, box) for one in stored), number_type)
-
+    read = component.of_separate(path, number_type, [partial(numbers, one) for one in stored])
     return OpenedVolume(description, read, voxels.files, parts=parts)
 
 

@@ -90,7 +90,7 @@ class NiftiHeader:
             )
         dtype = np.dtype(scalar_types[code]).newbyteorder(self.order)  # type: ignore[arg-type]
         if components > 1 and self.intent in INTENT_STATISTICS:
-            refuse_vectors(self.path, f"a statistic and its {components - 1} parameters at each voxel")
+            refuse_vectors(self.path, "a statistic with its parameters at each voxel")
         if components > 1 and (self.intent in INTENT_COLOURS or are_colours(components, dtype.name)):
             refuse_vectors(self.path, f"{components} components a voxel, which are colours")
         frames = sizes[3] if count >= 4 else 1

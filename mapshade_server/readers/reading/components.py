@@ -1,10 +1,11 @@
 """Several numbers a voxel: which one of them is drawn, or the magnitude of the vector that they are.
 
-One rule for every format: two or three numbers are x, y and z of a vector, whose magnitude is drawn if nobody chooses.
-More are numbered from 0, and one must be chosen. Three or four bytes are colours, as VTK and ITK have them.
+One rule for VTK's files, MetaImage and NIfTI: two or three numbers are x, y and z of a vector, whose magnitude is drawn
+if nobody chooses. More are numbered from 0, and one must be chosen. Three or four bytes are colours, as VTK and ITK
+have them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -20,7 +21,7 @@ from volsplat.protocol.text.errors import BadInput
 
 LETTERS = "xyz"
 MAGNITUDE = "magnitude"
-MOST_COMPONENTS = 1024
+MOST_NUMBERED = 1024
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,32 @@ class Component:
             return np.sqrt(squares, out=squares).astype(self.scalar_type(stored))
 
     def of_interleaved(self, path: Path, stored: str, every: ReadBox) -> ReadBox:
-        """Reads what is drawn if a voxel's numbers lie side by side, as `every` reads them: along i.
-
-        Sheet by sheet, which bounds what is read beside it.
-        """
+        """Reads what is drawn if a voxel's numbers lie side by side, as `every` reads them: along i."""
         if self.count == 1:
             return every
+
+        def taken(box: Box) -> Iterable[Voxels]:
+            (i0, j0, k0), (i1, j1, k1) = box
+            numbers = every(Box((i0 * self.count, j0, k0), (i1 * self.count, j1, k1)))
+            return (numbers[..., n :: self.count] for n in self.taken)
+
+        return self._by_sheets(path, stored, taken)
+
+    def of_separate(self, path: Path, stored: str, each: Sequence[ReadBox]) -> ReadBox:
+        """Reads what is drawn if each component lies apart, as `each` of those that are `taken` reads it."""
+        if self.number is not None:
+            (only,) = each
+            return only
+        return self._by_sheets(path, stored, lambda box: (read(box) for read in each))
+
+    def _by_sheets(self, path: Path, stored: str, taken: Callable[[Box], Iterable[Voxels]]) -> ReadBox:
+        """Reads what is drawn of the components that are `taken`, which bounds what is read beside it."""
 
         def read(box: Box) -> Voxels:
             (i0, j0, k0), (i1, j1, _) = box
             voxels = voxel_room(box, self.scalar_type(stored), path)
             for k, sheet in enumerate(voxels, k0):
-                numbers = every(Box((i0 * self.count, j0, k), (i1 * self.count, j1, k + 1)))[0]
-                sheet[...] = self.of((numbers[:, n :: self.count] for n in self.taken), stored)
+                sheet[...] = self.of(taken(Box((i0, j0, k), (i1, j1, k + 1))), stored)[0]
             return voxels
 
         return read
@@ -87,25 +101,23 @@ def parts_of_components(count: int, before: str = "") -> list[Part]:
     return magnitude + [Part(before + name, f"component {name} of {count}") for name in _names(count)]
 
 
-def chosen_component(path: Path, said: str, count: int, before: str = "") -> Component:
-    """The component that is named by its letter or number, or the magnitude.
+def chosen_component(path: Path, said: str | None, count: int, before: str = "") -> Component:
+    """The component that is named by its letter or number, or the magnitude; `said` is None if nothing is named.
 
     `before` is what stands in front of it in the volume's name. Raises BadInput if it must be named and is not.
     """
-    if count > MOST_COMPONENTS:
+    if count > MOST_NUMBERED:
         raise BadInput(
-            f"{path}: has {count} components a voxel, 0 to {count - 1}, volsplat reads no more than {MOST_COMPONENTS}; "
+            f"{path}: has {count} components a voxel, 0 to {count - 1}, volsplat reads no more than {MOST_NUMBERED}; "
             "export one component or the magnitude"
         )
     parts, names = parts_of_components(count, before), _names(count)
-    if has_magnitude(count) and said in ("", MAGNITUDE):
+    if has_magnitude(count) and said in (None, MAGNITUDE):
         return Component(count, None)
     if said in names:
         return Component(count, names.index(said))
-    if said.isdecimal() and int(said) < count:
-        return Component(count, int(said))
     shown = listed([one.part for one in parts])
-    if not said:
+    if said is None:
         line = f"{path}: has {count} components a voxel, volsplat needs one number; choose one, as in {path}#{before}0"
         raise PartNeeded(line, parts)
     raise BadInput(f"{path}: has no component “{before}{said}”; it has {shown}")
@@ -124,11 +136,12 @@ def chosen_volume(path: Path, part: str, frames: int, count: int) -> ChosenVolum
     """What `part` names of a file of numbered frames: `3`, `x` of a single frame, or `3,x`. Raises BadInput."""
     if count == 1:
         return ChosenVolume(*chosen_frame(path, part, frames), Component(), [])
-    frame_said, _, said = part.partition(",") if frames > 1 else ("", "", part)
+    frame_said, comma, said = part.partition(",") if frames > 1 else ("", part, part)
     frame, _ = chosen_frame(path, frame_said, frames)
-    component = chosen_component(path, said, count, f"{frame_said}," if frame_said else "")
+    before = f"{frame_said}," if frame_said else ""
+    component = chosen_component(path, said if comma else None, count, before)
     name = f"{path.name}#{part}" if part else path.name
-    return ChosenVolume(frame, name, component, [] if part else parts_of_components(count))
+    return ChosenVolume(frame, name, component, [] if comma else parts_of_components(count, before))
 
 
 def _names(count: int) -> list[str]:

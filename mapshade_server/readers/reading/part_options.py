@@ -35,7 +35,8 @@ def part_options(part: str, keys: Collection[str]) -> PartOptions:
 
 def index_in(path: Path, said: str, count: int, what: str) -> int:
     """The number from 0 to `count` - 1 that a person said of `what`: frames, channels. Raises BadInput for others."""
-    if said.isdecimal() and int(said) < count:
+    written = said.isdecimal() and len(said) <= len(str(count))  # Python refuses to read endless digits
+    if written and str(int(said)) == said and int(said) < count:
         return int(said)
     numbers = f"are numbered 0 to {count - 1}" if count > 1 else "have one number, 0"
     raise BadInput(f"{path}: its {what} {numbers}; “{said}” is none of them")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from volsplat.mapshade_server.readers.reading.components import (
-    MOST_COMPONENTS,
+    MOST_NUMBERED,
     Component,
     are_colours,
     chosen_component,
@@ -43,7 +43,7 @@ class NamedArray:
     @property
     def has_components(self) -> bool:
         """Whether it has several numbers that can be drawn one by one."""
-        several = 1 < self.components <= MOST_COMPONENTS and self.scalar_type != ""
+        several = 1 < self.components <= MOST_NUMBERED and self.scalar_type != ""
         return several and not are_colours(self.components, self.scalar_type)
 
     def parts(self, name: str) -> list[Part]:
@@ -75,7 +75,7 @@ def chosen_array(
         found = [one for one in candidates if one.association == association]
         taken = [one for one in found if one.name == active.get(association)]
         if taken or len(found) == 1:
-            return _drawn(path, (taken or found)[0], (taken or found)[0].name, "")
+            return _drawn(path, (taken or found)[0], (taken or found)[0].name, None)
         if found:
             line = f"{path}: holds {_listed(found)}; choose one, as in {path}#{found[0].name}"
             raise PartNeeded(line, [part for one in found for part in one.parts(one.name)])
@@ -110,7 +110,7 @@ def _without_ghosts(arrays: Sequence[AnyArray]) -> list[AnyArray]:
 def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> tuple[AnyArray, Component]:
     for one in arrays:
         if part in (one.name, f"{one.association}/{one.name}"):
-            return _drawn(path, one, part, "")
+            return _drawn(path, one, part, None)
     name, _, said = part.rpartition(",")
     for one in arrays:
         if one.components != 1 and name in (one.name, f"{one.association}/{one.name}"):
@@ -118,8 +118,8 @@ def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> tuple[AnyArray,
     raise BadInput(f"{path}: has no array “{part}”; it has {_listed(arrays) or 'none'}")
 
 
-def _drawn(path: Path, array: AnyArray, name: str, said: str) -> tuple[AnyArray, Component]:
-    """The array, which goes by this name, and what is said to be drawn of it. Raises BadInput."""
+def _drawn(path: Path, array: AnyArray, name: str, said: str | None) -> tuple[AnyArray, Component]:
+    """The array, which goes by this name, and what is said to be drawn of it, None if nothing is. Raises BadInput."""
     if array.components == 1:
         return array, Component()
     if array.components < 1 or are_colours(array.components, array.scalar_type):
