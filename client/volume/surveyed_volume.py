@@ -22,7 +22,7 @@ from volsplat.client.volume.visible_part import (
     visible_points,
 )
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.kind import CLASS_KINDS
+from volsplat.protocol.description.kind import CLASS_KINDS, Kind
 from volsplat.protocol.description.patches import Plane, colourless
 from volsplat.protocol.description.scene import ColourTable, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
@@ -121,7 +121,8 @@ class SurveyedVolume:
         if not STEP_RULES[step].slabs or self._without_between is None:
             return ""
         name, what = self.description.name, self._without_between
-        return f"step {step} reconstructs values between voxels, but {name} holds {what}; draw step F"
+        other = ", or #density of atoms in a file" if self.description.kind is Kind.ELEMENTS else ""
+        return f"step {step} reconstructs values between voxels, but {name} holds {what}; draw step F{other}"
 
     def check_step(self, step: Step) -> None:
         """Raises BadInput for a step that this volume has no picture of."""

@@ -3,8 +3,8 @@
 They become voxels by atom_density, in the coordinates' own axes and Å, so that a map of the same molecule lies in the
 same place; or by calculated_factors, in the dimensions of frequency. After `#`, parted by commas: `elements` (if
 nothing is said), `density`, `frequency` or `amplitude`; the spacing of the grid, or the resolution, in Å;
-`waters=keep`, which are left out else; `model=2`, else the first. As in 4hhb.pdb#density,0.5,waters=keep and
-1jk9.pdb#frequency
+`waters=keep`, which are left out else; `model=2`, else the first. As in `4hhb.pdb#density,0.5,waters=keep` and in
+`1jk9.pdb#frequency`.
 """
 
 import math
@@ -77,7 +77,7 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
     """The reader for the atoms of gemmi's structure, from a file in the format `name`. Raises BadInput."""
     word, options = part_options(part, ("waters", "model"))
     kind, fineness = _kind_and_fineness(path, word)
-    model = _model(path, structure, options.get("model"), warnings)
+    model = _model(path, structure, options.get("model"), part or kind, warnings)
     if options.get("waters", "leave") not in ("leave", "keep"):
         raise BadInput(f"{path}: “waters={options['waters']}” is neither waters=keep nor waters=leave")
     waters = sum(residue.is_water() for chain in model for residue in chain)
@@ -142,7 +142,8 @@ def _kind_and_fineness(path: Path, word: str) -> tuple[str, float | None]:
     return kind, fineness
 
 
-def _model(path: Path, structure: Any, wanted: str | None, warnings: list[str]) -> Any:
+def _model(path: Path, structure: Any, wanted: str | None, said: str, warnings: list[str]) -> Any:
+    """The model of this number, else the first; `said` is what stands after `#`. Raises BadInput."""
     models = {str(model.num): model for model in structure}
     if not models:
         raise BadInput(f"{path}: has no atoms; give a file with coordinates")
@@ -150,7 +151,7 @@ def _model(path: Path, structure: Any, wanted: str | None, warnings: list[str]) 
     if wanted is not None and wanted not in models:
         raise BadInput(f"{path}: has no model {wanted}; its models are {_listed(list(models))}")
     if wanted is None and len(models) > 1:
-        warnings.append(f"of {len(models)} models the first is shown; {path.name}#model=N shows another")
+        warnings.append(f"of {len(models)} models the first is shown; {path.name}#{said},model=N shows another")
     return models[wanted or first]
 
 

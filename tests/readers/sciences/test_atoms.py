@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 import tolerances
+from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.molecules.atom_density import BAND, CLASSES, MOST_VOXELS_ASIDE
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 
@@ -165,10 +167,19 @@ def test_waters_are_left_out_unless_they_are_asked_for(tmp_path: Path) -> None:
 
 def test_a_model_is_chosen_by_its_number(tmp_path: Path) -> None:
     path = pdb(tmp_path, models=2)
-    assert "of 2 models the first is shown" in open_volume(f"{path}#waters=keep").describe().warnings[0]
+    for part, said in {"": "elements", "#density,2": "density,2", "#waters=keep": "waters=keep"}.items():
+        (told,) = (line for line in open_volume(f"{path}{part}").describe().warnings if "models" in line)
+        assert told == f"of 2 models the first is shown; small.pdb#{said},model=N shows another"
     first, second = read_whole(f"{path}#density,0.2")[0], read_whole(f"{path}#density,0.2,model=2")[0]
     assert first.dims < second.dims
     assert not open_volume(f"{path}#waters=keep,model=2").describe().warnings
+
+
+def test_step_g_is_told_to_need_the_density_of_the_atoms(tmp_path: Path) -> None:
+    with SingleProcess(pdb(tmp_path)) as single, pytest.raises(BadInput, match="draw step F, or #density of atoms"):
+        single.volume.check_step(Step.G)
+    with SingleProcess(f"{pdb(tmp_path)}#density") as single:
+        single.volume.check_step(Step.G)
 
 
 def test_what_was_guessed_is_told(tmp_path: Path) -> None:
