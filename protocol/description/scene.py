@@ -297,7 +297,8 @@ class View(Part, frozen=True):
         float | Literal["fit"],
         Key(
             "The reference spacing is the cube root of a voxel's volume. Fit shows all that is visible under the\n"
-            "tables and bounds: its outline fills a still; on the page and in movies, which turn, a ball does.",
+            "tables and bounds: its outline fills a still; on the page and in movies, which turn, a ball does. "
+            "Scripts that turn a volume take a number: each side has a fit of its own.",
             PartOf("moves"),
             Limits(LEAST_ZOOM, GREATEST_ZOOM),
             "pixels per voxel",
