@@ -11,6 +11,8 @@ from typing import NamedTuple
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 
+LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
+
 
 class VolumeName(NamedTuple):
     """`part` is "" where none is named; what it means is the format's matter."""
@@ -27,8 +29,11 @@ class VolumeName(NamedTuple):
 
 
 def volume_name(text: str) -> VolumeName:
-    """What `text` names. A file whose own name has a `#` is taken whole. Raises BadInput for what is not UTF-8."""
-    check_utf8(text)
+    """What `text` names. A file whose own name has a `#` is taken whole.
+
+    Raises BadInput for what is not UTF-8, or too long.
+    """
+    _check(text)
     place, _, part = text.partition("#")
     if "://" not in text and part and not Path(place).exists() and Path(text).exists():
         return VolumeName(text, "")
@@ -41,7 +46,7 @@ def absolute_name(text: str) -> str:
     if name.is_url:
         return text
     absolute = str(name._replace(place=str(Path(name.place).absolute())))
-    check_utf8(absolute)
+    _check(absolute)
     return absolute
 
 
@@ -50,3 +55,12 @@ def check_is_there(text: str) -> None:
     name = volume_name(text)
     if not name.is_url and not Path(name.place).exists():
         raise BadInput(f"{name.place}: no such file or folder")
+
+
+def _check(text: str) -> None:
+    check_utf8(text)
+    if len(text) > LONGEST_VOLUME_NAME:
+        raise BadInput(
+            f"{text[:40]}…: a volume's name of {len(text)} letters is too long; "
+            f"give a path and part of at most {LONGEST_VOLUME_NAME}"
+        )

@@ -5,16 +5,17 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME
 from volsplat.protocol.messages.message import Count, Detail, Message, QuestionId, asks
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
-from volsplat.protocol.messages.volume_messages import LONGEST_PATH, Path
+from volsplat.protocol.messages.volume_messages import Path
 from volsplat.protocol.text.printable import printable
 
 MOST_ENTRIES = 400
 LONGEST_NAME = 255  # characters, of one file
 LONGEST_KIND = 160
 
-FolderName = Annotated[str, Meta(max_length=LONGEST_PATH)]
+FolderName = Annotated[str, Meta(max_length=LONGEST_VOLUME_NAME)]
 KindTold = Annotated[str, Meta(max_length=LONGEST_KIND)]
 
 

@@ -8,6 +8,7 @@ from msgspec import Meta
 from volsplat.protocol.description.block_extremes import BLOCK_BYTES, MOST_BLOCKS, block_dims
 from volsplat.protocol.description.volume import LONGEST_AXIS, MOST_VOXELS, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
     MOST_LEVELS,
@@ -27,12 +28,11 @@ from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Quantisation, Su
 from volsplat.protocol.rules.levels import Prepared
 
 MAX_BOXES = 4096
-LONGEST_PATH = 4096  # characters
 HISTOGRAM_BYTES = 16  # two int64 for each bin
 LARGEST_HISTOGRAMS = (1 << 20) + BLOCK_BYTES * MOST_BLOCKS**3
 LARGEST_PART = 1 << 24  # bytes of values; senders choose less
 
-Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
+Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_VOLUME_NAME)]
 ScalarType = Literal[
     "uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64"
 ]  # as in volume.SCALAR_BYTES

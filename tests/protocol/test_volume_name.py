@@ -28,6 +28,14 @@ def test_another_process_is_told_the_whole_way(tmp_path: Path, monkeypatch: pyte
     assert absolute_name("https://host/a.zarr#1") == "https://host/a.zarr#1"
 
 
+@pytest.mark.parametrize("place", ["head.nrrd", "https://host/a.zarr"])
+def test_an_endless_name_is_refused_before_a_server_is_told_it(place: str) -> None:
+    for name in (f"{place}#{'9' * 5000}", place + "a" * 5000):
+        for named in (volume_name, absolute_name, check_is_there):
+            with pytest.raises(BadInput, match=f"a volume's name of {len(name)} letters is too long; .* at most 4096"):
+                named(name)
+
+
 def test_a_missing_file_is_told_without_its_part(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"no\.h5: no such file or folder$"):
         check_is_there(str(tmp_path / "no.h5#/data"))
