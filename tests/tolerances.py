@@ -219,6 +219,10 @@ SLAB_RIPPLE = 0.01
 # the more the sharper the kernel is.
 MISMATCHED_SLABS = 0.04
 
+# Mean Laplacian of luminance, in 255ths, on a ball with a thin skin and a steep table in step G. It is 3.2; lit once,
+# in the middle of each slab, it was 16.5.
+MEAN_RING = 5.0
+
 # Of a ball's mean alpha by step G, from the faintest side to the brightest: with a kernel without weights below 0, and
 # with the default one, which overshoots at its rim; what leaves the table is set to its end.
 UNEVEN_BALL, UNEVEN_BALL_OVERSHOT = 0.005, 0.006

@@ -208,7 +208,7 @@ void colour_slab(std::uint64_t& sum, const std::vector<float>& densities) {
     for (int n = 0; n < kTableEntries; ++n) {
         colours[n + 1] = colours[n];
         const double depth = 0.05 * chance.unit();
-        colours[n + 1].depth += depth;
+        colours[n + 1].depth += depth, colours[n + 1].place += depth * (n + 0.5);
         for (int channel = 0; channel < 3; ++channel) {
             colours[n + 1].emit[channel] += depth * chance.unit() / 2;
             colours[n + 1].refl[channel] += depth * chance.unit() / 2;
@@ -225,6 +225,7 @@ void colour_slab(std::uint64_t& sum, const std::vector<float>& densities) {
         samples.x[n] = n % kTileColumns, samples.y[n] = n / kTileColumns;
         for (int side = 0; side < 2; ++side) {
             samples.here[side][n] = densities[n * kBlockPlanes + side];
+            samples.next[side][n] = densities[n * kBlockPlanes + 6 + side];
             for (int neighbour = 0; neighbour < 4; ++neighbour)
                 samples.beside[side][neighbour][n] = densities[n * kBlockPlanes + 2 + 2 * (neighbour % 3) + side % 2];
         }

@@ -114,7 +114,8 @@ def surroundings(
     lengths = matrices.product(matrices.transposed(to_physical), to_physical)
     pixels = matrices.inverse(matrices.times(lengths, per_pixel * per_pixel))
     widening = _widening(grid, spacing)
-    to_plane, aside = spacing / 2, math.hypot(spacing / 2, baseline)
+    # Gradients also look at the planes in front of a slab and behind it
+    to_plane, aside = spacing / 2, max(math.hypot(spacing / 2, baseline), 1.5 * spacing)
     looks, inner = (Body(radius, pixels, widening, to_plane + rounding) for radius in radii)
     needs = Body(radii.outer, pixels, widening, aside + rounding)
     # The middle of a slab that begins or ends within the bounds lies half a slab outside

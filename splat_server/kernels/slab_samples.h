@@ -48,9 +48,10 @@ struct SlabLight {
 };
 
 // Integrals over tables, from entry 0 to before each: of the depth that density alone gives, and of that times red,
-// green and blue of both colours; and of the depth by 255 times the opacity that density lacks.
+// green and blue of both colours and times where the middle of its entry lies; and of the depth by 255 times the
+// opacity that density lacks.
 struct ColourIntegral {
-    double emit[3], depth, refl[3], unused;
+    double emit[3], depth, refl[3], place;
 };
 typedef double DepthIntegrals[kTableEntries + 1][kOpacityLevels];
 
@@ -68,10 +69,14 @@ struct SlabShadingView {
     bool by_strength;
 };
 
-// Of the planes of a block at neighbouring pixels, and of the last plane before it.
+// Slabs are shaded once the plane behind them is complete, and look at the one in front of them, too: so many planes
+// before a block are kept.
+constexpr int kKeptPlanes = 3;
+
+// Of the planes of a block at neighbouring pixels, and of those before it.
 struct SlabDensities {
-    const float* last;    // of each pixel
-    const float* planes;  // kBlockPlanes of the first pixel, before which a number may be read
+    const float* kept;    // kKeptPlanes of each pixel, one pixel after the other
+    const float* planes;  // kBlockPlanes of the first pixel, before which two numbers may be read
     std::int64_t right;   // numbers from there to those of the next pixel
 };
 
@@ -81,6 +86,7 @@ struct SlabSamples {
     std::int64_t slab;
     std::int32_t x[kTilePixels], y[kTilePixels];
     float here[2][kTilePixels];       // densities on its two planes
+    float next[2][kTilePixels];       // on the plane in front of the first, and on that behind the second
     float beside[2][4][kTilePixels];  // left, right, above and below, as far as gradients look
     float found[kTilePixels][4];      // what comes of it: red, green, blue, and opacity
 };

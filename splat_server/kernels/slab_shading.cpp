@@ -16,15 +16,16 @@ double greatest_of(const double (&entries)[kTableEntries]) {
     return *std::max_element(entries, entries + kTableEntries);
 }
 
-// The integral up to behind an entry, given that before it.
+// The integral up to behind entry n, given that before it.
 template <class Channel>
-ColourIntegral with_entry(const ColourIntegral& before, double depth, const Channel* emit, const Channel* refl) {
+ColourIntegral with_entry(const ColourIntegral& before, int n, double depth, const Channel* emit, const Channel* refl) {
     ColourIntegral after{};
     for (int channel = 0; channel < 3; ++channel) {
         after.emit[channel] = before.emit[channel] + depth * emit[channel];
         after.refl[channel] = before.refl[channel] + depth * refl[channel];
     }
     after.depth = before.depth + depth;
+    after.place = before.place + depth * (n + 0.5);
     return after;
 }
 
@@ -58,7 +59,7 @@ void SlabShading::take_tables() {
     }
     colours_.resize(kTableEntries + 1);
     for (int n = 0; n < kTableEntries; ++n) {
-        colours_[n + 1] = with_entry(colours_[n], depth_of(opacity[n]), scene_.emit[n], scene_.refl[n]);
+        colours_[n + 1] = with_entry(colours_[n], n, depth_of(opacity[n]), scene_.emit[n], scene_.refl[n]);
     }
 }
 
@@ -71,7 +72,7 @@ void SlabShading::take_plane(const PatchTable& plane) {
         for (int n = 0; n < kTableEntries; ++n) {
             const int at = strength * kTableEntries + n;
             greatest[n] = std::max(greatest[n], plane.opacity[at]);
-            row[n + 1] = with_entry(row[n], depth_of(plane.opacity[at]), &plane.emit[4 * at], &plane.refl[4 * at]);
+            row[n + 1] = with_entry(row[n], n, depth_of(plane.opacity[at]), &plane.emit[4 * at], &plane.refl[4 * at]);
         }
     }
     find_visible(greatest, 1);

@@ -14,7 +14,7 @@ from support.scenes.arbitrary import turns
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.thoroughness import examples
-from tolerances import FEW_TIES, MISMATCHED_SLABS, ONE_LEVEL, UNEVEN_BALL, UNEVEN_BALL_OVERSHOT
+from tolerances import FEW_TIES, MEAN_RING, MISMATCHED_SLABS, ONE_LEVEL, UNEVEN_BALL, UNEVEN_BALL_OVERSHOT
 from volsplat.protocol.description.patches import Patch, Plane
 from volsplat.protocol.description.scene import (
     TRAVERSAL_ORDERS,
@@ -226,3 +226,20 @@ def test_a_uniform_ball_is_as_bright_from_every_side(kernel: SlabKernel, slab: f
         drawn = rendered(values, CUBIC, msgspec.structs.replace(scene, tables=tables), Step.G)
         means.append(float(drawn[..., 3].double().mean()))
     assert max(means) - min(means) <= within * max(means)
+
+
+def test_planes_do_not_show_as_rings_on_a_thin_skin_of_steep_tables() -> None:
+    """Gradients turn around within a slab, and what faces the light takes a share of it that changes evenly."""
+    k, j, i = torch.meshgrid(*(torch.arange(2 * SIZE, dtype=torch.float64),) * 3, indexing="ij")
+    middle = SIZE - 0.5
+    away = ((i - middle) ** 2 + (j - middle) ** 2 + (k - middle) ** 2).sqrt() - 0.8 * SIZE
+    values = 134 * torch.exp(-((away / 1.9) ** 2))
+    steep = ScalarTable(points=((0.38, 0.0), (0.384, 0.2), (0.51, 0.85)))
+    scene = scene_of(View(zoom=4.0), light=Light(direction=(0.35, 0.45, 1.0)))
+    scene = msgspec.structs.replace(
+        scene, tables=msgspec.structs.replace(scene.tables, opac=steep, modu=ScalarTable(points=((0.0, 1.0),)))
+    )
+    drawn = rendered(values, Geometry((2 * SIZE,) * 3), scene, Step.G)[..., :3].double().mean(dim=-1)
+    inner = drawn[1:-1, 1:-1]
+    laplacian = drawn[:-2, 1:-1] + drawn[2:, 1:-1] + drawn[1:-1, :-2] + drawn[1:-1, 2:] - 4 * inner
+    assert 255 * laplacian.abs().mean() <= MEAN_RING

@@ -65,8 +65,9 @@ def test_every_voxel_that_reaches_a_slab_is_held_to_be_needed(
     drawn = random.Random(seed)
     for _ in range(TRIES):
         middle: Vector = (drawn.uniform(-0.5, 0.5), drawn.uniform(-0.5, 0.5), drawn.uniform(-0.5, 0.5))
-        on_plane = drawn.choice([-0.5, 0.5])
-        aside = drawn.choice([(0, 0), (0, 0), (shape.baseline, 0), (-shape.baseline, 0), (0, shape.baseline)])
+        on_plane = drawn.choice([-0.5, 0.5, -1.5, 1.5])  # gradients look at the planes in front and behind, too
+        asides = [(0, 0), (0, 0), (shape.baseline, 0), (-shape.baseline, 0), (0, shape.baseline)]
+        aside = drawn.choice(asides if abs(on_plane) < 1 else [(0, 0)])
         moved = [drawn.uniform(-rounded[0], rounded[0]) for _ in range(2)], drawn.uniform(-rounded[1], rounded[1])
         off: Vector = (aside[0] + moved[0][0], aside[1] + moved[0][1], on_plane + moved[1])
         # Somewhere within reach, and the voxel there
@@ -80,7 +81,7 @@ def test_every_voxel_that_reaches_a_slab_is_held_to_be_needed(
         if square >= shape.radius**2:
             continue
         assert holds(shape.needs, voxel)
-        if aside == (0, 0):
+        if aside == (0, 0) and abs(on_plane) < 1:
             assert holds(shape.looks, voxel)
             assert holds(shape.inner, voxel) or square >= INNER_RADIUS[kernel] ** 2
 

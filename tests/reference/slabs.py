@@ -34,13 +34,15 @@ from volsplat.protocol.rules.slab_shape import SlabShape
 UNIT, SIGNED_UNIT, WIDE_UNIT = 3000, 1200, 1 << 26  # that integer weights sum to
 LEAST_NARROW_GAIN = 0.25
 MOST_OPAQUE = 1 - 1 / 4096
+THINNEST = 1e-6  # part of a slab in which all is that shows
 
 
 @dataclass(frozen=True)
 class Planes:
-    """Sums on all planes, with so many more lines and columns around the image as gradients look aside."""
+    """Sums on all planes and one more at either end, with so many more lines and columns around the image as gradients
+    look aside."""
 
-    weights: Tensor  # (planes, lines, columns)
+    weights: Tensor  # (planes + 2, lines, columns)
     densities: Tensor  # times weights
     unit: float  # what weights sum to
     least_known: float  # of it: where weights sum to less, nothing is known
@@ -79,12 +81,12 @@ def reconstructed(
     k, j, i = torch.meshgrid(*map(torch.arange, packets.shape), indexing="ij")
     indices = torch.stack((i, j, k), dim=-1).reshape(-1, 3)[packets.flatten() >> NO_DATA_BIT == 0]
     density = (packets & 255)[indices[:, 2], indices[:, 1], indices[:, 0]].double()
-    position = _positions(indices, geometry, scene, plan, slabs, exact)
+    position = _positions(indices, geometry, scene, plan, slabs, exact) + torch.tensor((0, 0, 1))
     aside, before = slabs.baseline, [math.ceil(extent) for extent in slabs.half_extents]
     form, gain = _form(scene, geometry)
     narrow = SIGNED_UNIT if scene.reconstruction.slab_kernel in COEFFICIENTS else UNIT
     unit = 1.0 if exact else WIDE_UNIT if gain < LEAST_NARROW_GAIN else narrow
-    shape = (slabs.planes, plan.height + 2 * aside, plan.width + 2 * aside)
+    shape = (slabs.planes + 2, plan.height + 2 * aside, plan.width + 2 * aside)
     weights, densities = (torch.zeros(math.prod(shape), dtype=torch.float64) for _ in range(2))
     box = torch.cartesian_prod(*(torch.arange(-n, n + 2) for n in before))  # (m, 3) of x, y and plane
     first = position.floor().long()
@@ -167,18 +169,20 @@ def _shaded(
     """Colour (H, W, 3) and opacity (H, W) of a slab."""
     aside = slabs.baseline
     inner = (slice(aside, aside + plan.height), slice(aside, aside + plan.width))
-    known = planes.known[slab : slab + 2][:, *inner]
-    density = planes.density[slab : slab + 2][:, *inner]
+    known = planes.known[slab + 1 : slab + 3][:, *inner]
+    density = planes.density[slab + 1 : slab + 3][:, *inner]
     front = torch.where(known[0], density[0], density[1])
     back = torch.where(known[1], density[1], density[0])
     begin, end = _clipped(slab, geometry, scene, plan, slabs)
     drawn = known.any(dim=0) & (begin < end)
     rise = back - front
     one, other = front + (begin - slab) * rise, front + (end - slab) * rise
-    gradient = _gradient(planes, slab, geometry, scene, aside, inner)
+    on_front, on_back = _gradients(planes, slab, geometry, scene, aside, inner)
+    ends = (on_front + (at - slab)[..., None] * (on_back - on_front) for at in (begin, end))
     place = _grid_coordinates(geometry, scene, plan, slabs, (begin + end) / 2)
     # From here on the pixels that are drawn (n), since each has 256 entries of every table.
-    one, other, gradient, place = (values[drawn] for values in (one, other, gradient, place))
+    one, other, place, first, last = (values[drawn] for values in (one, other, place, *ends))
+    gradient = (first + last) / 2
     fields = _fields(one, other, gradient, place, geometry, quantisation, plan)
     shares = _shares(one, other)
     if scene.plane.patches:
@@ -186,16 +190,19 @@ def _shaded(
     else:
         depth = (_depths(scene, fields) * shares).sum(dim=-1)
         emitted, reflected = (_colour(scene, table, fields, shares) for table in ("emit", "refl"))
+    depth = depth * scene.reconstruction.slab * (end - begin)[drawn]
+    part, share = _lit(scene, first, last, *_shown(scene, fields, one, other, shares), depth)
+    lit = share * _light(first + part[..., None] * (last - first), scene)
     active = active_shading(scene, Step.G)
     lamp, sky = light.at(place, gradient)
-    seen = reflected * (_light(gradient, scene) * (1 - scene.light.shadows * (1 - lamp)))[..., None]
+    seen = reflected * (lit * (1 - scene.light.shadows * (1 - lamp)))[..., None]
     if active.emitted:
         seen = seen + emitted
     open_sky = (2 * sky).clamp(max=1)  # half of it is, on a plane
     left = _dimming(gradient, place, scene, plan) * (1 - scene.light.occlusion * (1 - open_sky))
     colour, opacity = torch.zeros((*drawn.shape, 3), dtype=torch.float64), torch.zeros_like(begin)
     colour[drawn] = (seen * left[..., None]).clamp(0, 1)
-    opacity[drawn] = -torch.expm1(-depth * scene.reconstruction.slab * (end - begin)[drawn])
+    opacity[drawn] = -torch.expm1(-depth)
     return colour, opacity
 
 
@@ -235,13 +242,13 @@ def _clipped(slab: int, geometry: Geometry, scene: Scene, plan: FramePlan, slabs
     return begin.clamp(max=slab + 1), torch.maximum(end, begin.clamp(max=slab + 1))
 
 
-def _gradient(
+def _gradients(
     planes: Planes, slab: int, geometry: Geometry, scene: Scene, aside: int, inner: tuple[slice, slice]
-) -> Tensor:
-    """(H, W, 3) along physical axes: central differences in the middle of the slab, one-sided if one is not known."""
-    density, known = planes.density[slab : slab + 2], planes.known[slab : slab + 2]
-    here = density[:, *inner], known[:, *inner]
-    sums = []
+) -> tuple[Tensor, Tensor]:
+    """(H, W, 3) along physical axes, on the two planes of a slab: central differences, else one-sided ones."""
+    density, known = planes.density[slab : slab + 4], planes.known[slab : slab + 4]
+    here, here_known = density[:, *inner], known[:, *inner]
+    across = []
     for dx, dy in ((aside, 0), (0, aside)):
         moved = []
         for way in (-1, 1):
@@ -249,17 +256,22 @@ def _gradient(
                 slice(None),
                 *(slice(s.start + way * d, s.stop + way * d) for s, d in zip(inner, (dy, dx), strict=True)),
             )
-            moved.append((torch.where(known[there], density[there], here[0]), known[there]))
+            moved.append((torch.where(known[there], density[there], here), known[there]))
         (low, low_known), (high, high_known) = moved
         sides = low_known.double() + high_known.double()
-        slope = (high - low) / (aside * sides.clamp(min=1))
-        sums.append((slope * here[1]).sum(dim=0) / here[1].sum(dim=0).clamp(min=1))
-    along = torch.where(here[1].all(dim=0), here[0][1] - here[0][0], 0.0)
+        across.append((high - low) / (aside * sides.clamp(min=1)))
+    both = here_known[1] & here_known[2]
+    rise = torch.where(both, here[2] - here[1], 0.0)
     pixels = resolved_zoom(scene, geometry) / geometry.reference_spacing  # a unit of length
     spacing = scene.reconstruction.slab * resolved_zoom(scene, geometry)
-    screen = torch.stack((sums[0], -sums[1], -along / spacing), dim=-1) * pixels
     rotation = torch.tensor(screen_rotation(scene.view), dtype=torch.float64)
-    return screen @ rotation
+    found = []
+    for here_at, other_at, low_at, high_at in ((1, 2, 0, 2), (2, 1, 1, 3)):
+        right, down = (torch.where(here_known[here_at], slope[here_at], slope[other_at]) for slope in across)
+        central = both & here_known[low_at] & here_known[high_at]
+        behind = torch.where(central, (here[high_at] - here[low_at]) / 2, rise)
+        found.append(torch.stack((right, -down, -behind / spacing), dim=-1) * pixels @ rotation)
+    return found[0], found[1]
 
 
 def _fields(
@@ -292,16 +304,67 @@ def _fields(
     return found
 
 
+def _span(one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
+    """What two densities (n) enclose of the table."""
+    middle, half = (one + other) / 2 + 0.5, ((other - one).abs() / 2).clamp(min=0.5)
+    return (middle - half).clamp(0, 255.5), (middle + half).clamp(0.5, 256)
+
+
 def _shares(one: Tensor, other: Tensor) -> Tensor:
     """(n, 256): each entry's share of those between two densities.
 
     Entry n of a table lies from n to n + 1; they are one entry wide at least.
     """
-    middle, half = (one + other) / 2 + 0.5, ((other - one).abs() / 2).clamp(min=0.5)
-    low, high = (middle - half).clamp(0, 255.5), (middle + half).clamp(0.5, 256)
+    low, high = _span(one, other)
     cell = torch.arange(256, dtype=torch.float64)
     within = (torch.minimum(high[..., None], cell + 1) - torch.maximum(low[..., None], cell)).clamp(min=0)
     return within / (high - low)[..., None]
+
+
+def _shown(
+    scene: Scene, fields: dict[Field, Tensor], one: Tensor, other: Tensor, shares: Tensor
+) -> tuple[Tensor, Tensor]:
+    """How far through a slab what shows begins, and how far it goes (n): spread evenly around its middle.
+
+    By the depth that density alone gives, of which that of an entry lies in the entry's middle.
+    """
+    if scene.plane.patches:
+        depths = -torch.log1p(-plane_table(scene.plane.patches).opacity.clamp(max=MOST_OPAQUE))[fields[Field.STRENGTH]]
+    else:
+        depths = -torch.log1p(-_opacity(scene, None).clamp(max=MOST_OPAQUE))
+    low, high = _span(one, other)
+    depth = shares * depths
+    whole = depth.sum(dim=-1)
+    place = depth @ (torch.arange(256, dtype=torch.float64) + 0.5) / whole.clamp(min=1e-300)
+    risen = torch.where(whole < 1e-12, 0.5, ((place - low) / (high - low)).clamp(0, 1))
+    middle = torch.where(other < one, 1 - risen, risen)
+    half = torch.minimum(middle, 1 - middle).clamp(min=THINNEST / 2)
+    return middle - half, 2 * half
+
+
+def _lit(
+    scene: Scene, first: Tensor, last: Tensor, begin: Tensor, width: Tensor, depth: Tensor
+) -> tuple[Tensor, Tensor]:
+    """How far through a slab what is seen of it and lit has its middle, and its share of what is seen (n).
+
+    Gradients change evenly from the `first` to the `last`. Where they turn from the light or to it, only what lies in
+    front of that place is lit, or what lies behind it.
+    """
+    lamp, _ = _light_and_half(scene)
+    front, back = (-(gradient @ lamp) for gradient in (first, last))
+    turns = (front * back < 0) if not scene.shading.two_sided else torch.zeros_like(front, dtype=torch.bool)
+    turn = (front / torch.where(turns, front - back, 1.0) - begin).clamp(min=0).minimum(width)
+    start, end = torch.where(turns & (front <= 0), turn, 0.0), torch.where(turns & (front > 0), turn, width)
+    before_start, before_end, whole = (-torch.expm1(-depth * part / width) for part in (start, end, width))
+    share = torch.where(turns, (before_end - before_start) / whole.clamp(min=1e-300), 1.0)
+    return begin + start + (end - start) * _middle_seen(depth * (end - start) / width), share
+
+
+def _middle_seen(depth: Tensor) -> Tensor:
+    """Where the middle of what is seen lies in even matter of an optical depth (n)."""
+    return torch.where(
+        depth < 1e-4, 0.5 - depth / 12, 1 / depth.clamp(min=1e-5) - 1 / torch.expm1(depth.clamp(min=1e-5))
+    )
 
 
 def _by_plane(scene: Scene, fields: dict[Field, Tensor], shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -352,18 +415,23 @@ def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], shares: Tenso
     return torch.where(whole < 1e-12, entries[fields[field]], means)
 
 
-def _light(gradient: Tensor, scene: Scene) -> Tensor:
-    """What multiplies the reflected colour (n)."""
-    active = active_shading(scene, Step.G)
+def _light_and_half(scene: Scene) -> tuple[Tensor, Tensor]:
+    """Towards the light, and half-way from there to the viewer, along physical axes."""
     to_physical = matrices.transposed(screen_rotation(scene.view))
     light = matrices.normalised(scene.light.direction)
     if scene.light.fixed_to == "world":
         light = matrices.applied(to_physical, light)
     between = matrices.plus(light, matrices.applied(to_physical, (0.0, 0.0, 1.0)))
     half = matrices.normalised(between) if matrices.length(between) > OPPOSITE else (0.0, 0.0, 0.0)
+    return torch.tensor(light, dtype=torch.float64), torch.tensor(half, dtype=torch.float64)
+
+
+def _light(gradient: Tensor, scene: Scene) -> Tensor:
+    """What multiplies the reflected colour (n)."""
+    active = active_shading(scene, Step.G)
     size = torch.linalg.vector_norm(gradient, dim=-1)
     outward = -gradient / size.clamp(min=1e-300)[..., None]
-    lambert, towards_half = (outward @ torch.tensor(v, dtype=torch.float64) for v in (light, half))
+    lambert, towards_half = (outward @ towards for towards in _light_and_half(scene))
     if scene.shading.two_sided:
         lambert, towards_half = lambert.abs(), towards_half.abs()
     specular = torch.where(lambert > 0, towards_half.clamp(min=0) ** scene.shading.specular_power, 0.0)

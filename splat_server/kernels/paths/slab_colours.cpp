@@ -15,8 +15,11 @@ constexpr int kEmit = 0, kRefl = 1, kOpac = 2, kModu = 3;
 constexpr float kNoGradient = 1e-9f;  // bytes per reference spacing
 constexpr double kNoDepth = 1e-12;
 constexpr double kParallel = 1e-12;
-constexpr double kInside = 1e-6;  // voxels: beyond what rounding may add
-constexpr int kDepth = 3;
+constexpr double kInside = 1e-6;    // voxels: beyond what rounding may add
+constexpr float kThinnest = 1e-6f;  // part of a slab in which all is that shows
+constexpr float kLeastOpacity = 1e-12f;
+constexpr float kShallow = 0.5f;  // depth from which on the middle of what is seen needs no series
+constexpr int kDepth = 3, kPlace = 3;
 
 typedef double Reals[kAtOnce];
 typedef float Floats[kAtOnce];
@@ -40,6 +43,13 @@ inline std::int32_t entry_at(double place) { return static_cast<std::int32_t>(le
 typedef double TwoReals __attribute__((vector_size(16)));
 typedef double FourReals __attribute__((vector_size(32)));
 
+// Where the middle of what is seen lies in matter of an optical depth, of which `stopped` is stopped.
+inline float middle_seen(float depth, float stopped) {
+    const float series = 0.5f - depth / 12 + depth * depth * depth / 720;
+    const float deep = 1 / most(depth, kShallow) - 1 / most(stopped, kShallow / 2) + 1;
+    return depth < kShallow ? series : deep;
+}
+
 // At a place between entries, of which `of_entry` gives the address of some neighbouring numbers.
 template <class Lanes, class OfEntry>
 inline Lanes integral_to(double place, const OfEntry& of_entry) {
@@ -51,7 +61,10 @@ inline Lanes integral_to(double place, const OfEntry& of_entry) {
 class SlabColours {
 public:
     SlabColours(const SlabShadingView& view, SlabSamples& samples)
-        : view_(view), samples_(samples), lies_inside_(lies_inside()) {}
+        : view_(view), samples_(samples), lies_inside_(lies_inside()) {
+        for (int axis = 0; axis < 3; ++axis)
+            for (int n = 0; n < 3; ++n) to_physical_[axis][n] = static_cast<float>(view.grid->gradient[axis][n]);
+    }
 
     void find() {
         for (first_ = 0; first_ < samples_.count; first_ += kAtOnce) {
@@ -69,33 +82,41 @@ public:
 private:
     bool by_density(int table) const { return view_.scene->cross_bar[table] == Field::density; }
 
-    // Densities where known, else those of the other plane, and central differences in the middle of the slab; where a
-    // neighbour is not known, one-sided ones.
+    // Densities and differences on either plane where it is known, else those of the other one. Differences are
+    // central; where a neighbour is not known, one-sided ones.
     void reconstruct() {
-        const auto aside = static_cast<float>(view_.rays->baseline);
         const float *const front = samples_.here[0] + first_, *const back = samples_.here[1] + first_;
+        const float *const in_front = samples_.next[0] + first_, *const behind = samples_.next[1] + first_;
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            from_[n] = front[n] > 0 ? front[n] : back[n];
-            to_[n] = back[n] > 0 ? back[n] : front[n];
-            differences_[0][n] = differences_[1][n] = 0;
-            differences_[2][n] = to_[n] - from_[n];
+            const float from = front[n] > 0 ? front[n] : back[n], to = back[n] > 0 ? back[n] : front[n];
+            const float least_known = least(front[n], back[n]), rise = to - from;
+            from_[n] = from, to_[n] = to;
+            differences_[0][2][n] = least(least_known, in_front[n]) > 0 ? (to - in_front[n]) / 2 : rise;
+            differences_[1][2][n] = least(least_known, behind[n]) > 0 ? (behind[n] - from) / 2 : rise;
         }
-        for (int side = 0; side < 2; ++side)
-            for (int axis = 0; axis < 2; ++axis) {
-                const float* const here = samples_.here[side] + first_;
-                const float* const before = samples_.beside[side][2 * axis] + first_;
-                const float* const behind = samples_.beside[side][2 * axis + 1] + first_;
-                float* const differences = differences_[axis];
-                VOLSPLAT_INDEPENDENT
-                for (int n = 0; n < count_; ++n) {
-                    const float low = before[n] > 0 ? before[n] : here[n], high = behind[n] > 0 ? behind[n] : here[n];
-                    const float sides = (before[n] > 0 ? 1.0f : 0.0f) + (behind[n] > 0 ? 1.0f : 0.0f);
-                    const float planes = (front[n] > 0 ? 1.0f : 0.0f) + (back[n] > 0 ? 1.0f : 0.0f);
-                    const float slope = (high - low) / (aside * most(sides, 1.0f) * most(planes, 1.0f));
-                    differences[n] += here[n] > 0 ? slope : 0.0f;
-                }
+        for (int axis = 0; axis < 2; ++axis) {
+            Floats slopes[2];
+            for (int side = 0; side < 2; ++side) find_slopes(side, axis, slopes[side]);
+            VOLSPLAT_INDEPENDENT
+            for (int n = 0; n < count_; ++n) {
+                differences_[0][axis][n] = front[n] > 0 ? slopes[0][n] : slopes[1][n];
+                differences_[1][axis][n] = back[n] > 0 ? slopes[1][n] : slopes[0][n];
             }
+        }
+    }
+
+    void find_slopes(int side, int axis, Floats& slopes) const {
+        const auto aside = static_cast<float>(view_.rays->baseline);
+        const float* const here = samples_.here[side] + first_;
+        const float* const before = samples_.beside[side][2 * axis] + first_;
+        const float* const behind = samples_.beside[side][2 * axis + 1] + first_;
+        VOLSPLAT_INDEPENDENT
+        for (int n = 0; n < count_; ++n) {
+            const float low = before[n] > 0 ? before[n] : here[n], high = behind[n] > 0 ? behind[n] : here[n];
+            const float sides = (before[n] > 0 ? 1.0f : 0.0f) + (behind[n] > 0 ? 1.0f : 0.0f);
+            slopes[n] = (high - low) / (aside * most(sides, 1.0f));
+        }
     }
 
     // Whether the bounds leave all of the slab at all samples.
@@ -120,7 +141,8 @@ private:
         return inside;
     }
 
-    // The part of the slab within the bounds: its densities, its thickness, and where its middle lies on the grid.
+    // The part of the slab within the bounds: its densities and differences, its thickness, and where its middle lies
+    // on the grid.
     void clip() {
         const SlabRays& rays = *view_.rays;
         if (lies_inside_) {
@@ -133,11 +155,19 @@ private:
         find_places(begin, end);
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            const double from = from_[n], rise = to_[n] - from;
-            const double last = most(begin[n], end[n]);
-            thickness_[n] = (last - begin[n]) * rays.thickness;
-            from_[n] = static_cast<float>(from + begin[n] * rise);
-            to_[n] = static_cast<float>(from + last * rise);
+            begin[n] = least(begin[n], 1.0), end[n] = most(begin[n], end[n]);
+            thickness_[n] = (end[n] - begin[n]) * rays.thickness;
+        }
+        cut(begin, end, from_, to_);
+        for (int axis = 0; axis < 3; ++axis) cut(begin, end, differences_[0][axis], differences_[1][axis]);
+    }
+
+    void cut(const Reals& begin, const Reals& end, Floats& front, Floats& back) const {
+        VOLSPLAT_INDEPENDENT
+        for (int n = 0; n < count_; ++n) {
+            const double from = front[n], rise = back[n] - from;
+            front[n] = static_cast<float>(from + begin[n] * rise);
+            back[n] = static_cast<float>(from + end[n] * rise);
         }
     }
 
@@ -181,20 +211,32 @@ private:
             }
     }
 
-    // Gradients along physical axes, and their sizes.
+    // Gradients in the middle of the slab, and their sizes.
     void orient() {
-        float matrix[3][3];
-        for (int axis = 0; axis < 3; ++axis)
-            for (int n = 0; n < 3; ++n) matrix[axis][n] = static_cast<float>(view_.grid->gradient[axis][n]);
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            const float across = differences_[0][n], down = differences_[1][n], behind = differences_[2][n];
-            const float x = matrix[0][0] * across + matrix[0][1] * down + matrix[0][2] * behind;
-            const float y = matrix[1][0] * across + matrix[1][1] * down + matrix[1][2] * behind;
-            const float z = matrix[2][0] * across + matrix[2][1] * down + matrix[2][2] * behind;
-            gradient_[0][n] = x, gradient_[1][n] = y, gradient_[2][n] = z;
-            size_[n] = __builtin_sqrtf(x * x + y * y + z * z);
+            const Vector found = gradient_at(n, 0.5f);
+            gradient_[0][n] = found.x, gradient_[1][n] = found.y, gradient_[2][n] = found.z;
+            size_[n] = found.size();
         }
+    }
+
+    struct Vector {
+        float x, y, z;
+
+        float size() const { return __builtin_sqrtf(x * x + y * y + z * z); }
+        float along(const float (&other)[3]) const { return x * other[0] + y * other[1] + z * other[2]; }
+    };
+
+    // Along physical axes, so far through the slab, in which it changes evenly.
+    Vector gradient_at(int n, float part) const {
+        const float across = differences_[0][0][n] + part * (differences_[1][0][n] - differences_[0][0][n]);
+        const float down = differences_[0][1][n] + part * (differences_[1][1][n] - differences_[0][1][n]);
+        const float behind = differences_[0][2][n] + part * (differences_[1][2][n] - differences_[0][2][n]);
+        const float (&matrix)[3][3] = to_physical_;
+        return {matrix[0][0] * across + matrix[0][1] * down + matrix[0][2] * behind,
+                matrix[1][0] * across + matrix[1][1] * down + matrix[1][2] * behind,
+                matrix[2][0] * across + matrix[2][1] * down + matrix[2][2] * behind};
     }
 
     // Of densities, from that of entry 0 on: one entry wide at least.
@@ -209,7 +251,7 @@ private:
         }
     }
 
-    // Both colours times depth, and depth, over the span.
+    // Both colours times depth, depth, and places of entries times depth, over the span.
     void integrate() {
         if (!view_.by_strength) {
             integrate([this](int) { return view_.colours; });
@@ -242,7 +284,8 @@ private:
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
             const double depth = through[n] / (high_[n] - low_[n]) * thickness_[n];
-            opacity_[n] = depth < kNoDepth ? 0.0f : stopped_by(static_cast<float>(depth));
+            depth_[n] = static_cast<float>(depth);
+            opacity_[n] = depth < kNoDepth ? 0.0f : stopped_by(depth_[n]);
         }
     }
 
@@ -296,6 +339,51 @@ private:
             for (int channel = 0; channel < 3; ++channel) found[n][channel] = entries[indices[n]][channel];
     }
 
+    // How far through the slab what is seen of it and lit has its middle, and its share of what is seen. What shows is
+    // taken to be spread evenly around its middle. Light comes to one side only: where gradients turn through a slab,
+    // to what lies in front of a place or behind it.
+    void find_lit(const float (&lamp)[3], Floats& part, Floats& share) const {
+        float towards[3];  // the lamp, of differences
+        for (int n = 0; n < 3; ++n)
+            towards[n] = to_physical_[0][n] * lamp[0] + to_physical_[1][n] * lamp[1] + to_physical_[2][n] * lamp[2];
+        Floats middles, front, back;
+        find_middles(middles);
+        for (int side = 0; side < 2; ++side) {
+            float* const facing = side == 0 ? front : back;
+            const float *const across = differences_[side][0], *const down = differences_[side][1];
+            const float* const behind = differences_[side][2];
+            VOLSPLAT_INDEPENDENT
+            for (int n = 0; n < count_; ++n)
+                facing[n] = -(across[n] * towards[0] + down[n] * towards[1] + behind[n] * towards[2]);
+        }
+        const float turning = view_.scene->two_sided ? -__builtin_inff() : 0.0f;
+        VOLSPLAT_INDEPENDENT
+        for (int n = 0; n < count_; ++n) {
+            const float half = most(least(middles[n], 1 - middles[n]), kThinnest / 2);
+            const float width = 2 * half, begin = middles[n] - half;
+            const float per_part = depth_[n] / width;
+            const bool turns = front[n] * back[n] < turning, faces_front = front[n] > 0;
+            const float apart = turns ? front[n] - back[n] : 1.0f;
+            const float turn = within(front[n] / apart - begin, 0.0f, width);
+            const float first = turns & !faces_front ? turn : 0.0f, last = turns & faces_front ? turn : width;
+            const float seen_before = stopped_by(turn * per_part) / most(opacity_[n], kLeastOpacity);
+            const float lit_depth = (last - first) * per_part;
+            part[n] = begin + first + (last - first) * middle_seen(lit_depth, stopped_by(lit_depth));
+            const float turned = faces_front ? seen_before : 1 - seen_before;
+            share[n] = turns ? turned : 1.0f;
+        }
+    }
+
+    // How far through the slab what shows of it has its middle.
+    void find_middles(Floats& middles) const {
+        for (int n = 0; n < count_; ++n) {
+            const double depth = emitted_[n][kDepth], places = reflected_[n][kPlace];
+            const double place = (places / most(depth, kNoDepth) - low_[n]) / (high_[n] - low_[n]);
+            const double risen = depth < kNoDepth ? 0.5 : within(place, 0.0, 1.0);
+            middles[n] = static_cast<float>(to_[n] < from_[n] ? 1 - risen : risen);
+        }
+    }
+
     // What multiplies the reflected colour. A gradient points to rising density: outwards is its opposite.
     void light(Floats& lit) const {
         const SlabScene& scene = *view_.scene;
@@ -304,15 +392,17 @@ private:
             lamp[axis] = static_cast<float>(scene.light[axis]);
             half_way[axis] = static_cast<float>(scene.half_way[axis]);
         }
-        Floats half;
+        Floats half, part, share, sizes;
+        find_lit(lamp, part, share);
         const float diffuse = scene.diffuse ? 1 : 0, power = static_cast<float>(scene.specular_power);
         const bool two_sided = scene.two_sided;
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            const float outwards = -1 / most(size_[n], kNoGradient);
-            const float x = gradient_[0][n] * outwards, y = gradient_[1][n] * outwards, z = gradient_[2][n] * outwards;
-            const float lambert = x * lamp[0] + y * lamp[1] + z * lamp[2];
-            const float towards_half = x * half_way[0] + y * half_way[1] + z * half_way[2];
+            const Vector gradient = gradient_at(n, part[n]);
+            sizes[n] = gradient.size();
+            const float outwards = -1 / most(sizes[n], kNoGradient);
+            const float lambert = gradient.along(lamp) * outwards;
+            const float towards_half = gradient.along(half_way) * outwards;
             const float shown = two_sided ? __builtin_fabsf(lambert) : lambert;
             half[n] = shown > 0 ? (two_sided ? __builtin_fabsf(towards_half) : towards_half) : 0.0f;
             lit[n] = diffuse * most(shown, 0.0f);
@@ -322,7 +412,7 @@ private:
             for (int n = 0; n < count_; ++n) lit[n] += highlight(half[n], power);
         }
         VOLSPLAT_INDEPENDENT
-        for (int n = 0; n < count_; ++n) lit[n] = size_[n] < kNoGradient ? 0.0f : lit[n];
+        for (int n = 0; n < count_; ++n) lit[n] = sizes[n] < kNoGradient ? 0.0f : share[n] * lit[n];
     }
 
     // What is left of all colour far from the viewer, and where a surface turns away from him.
@@ -443,12 +533,15 @@ private:
     SlabSamples& samples_;
     int first_ = 0, count_ = 0;
     const bool lies_inside_;
-    Floats from_, to_;  // densities at the two ends
-    Floats differences_[3], gradient_[3], size_;
+    Floats from_, to_;          // densities at the two ends
+    Floats differences_[2][3];  // per pixel right, pixel down and plane, likewise
+    float to_physical_[3][3];
+    Floats gradient_[3], size_;
     Reals place_[3], thickness_;
     Reals low_, high_;
-    double emitted_[kAtOnce][4], reflected_[kAtOnce][4];  // behind the colour of what is emitted, the depth
-    Floats opacity_;
+    // Behind the colour of what is emitted, the depth; behind that of what is reflected, places times depth
+    double emitted_[kAtOnce][4], reflected_[kAtOnce][4];
+    Floats depth_, opacity_;
 };
 
 }  // namespace

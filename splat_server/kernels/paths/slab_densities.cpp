@@ -62,9 +62,10 @@ void find_shown_slabs(const SlabShadingView& view, const SlabDensities& densitie
     const Block beyond_visible = all_alike(static_cast<float>(view.last_visible + 1));
     const float* planes = densities.planes;
     for (int pixel = 0; pixel < pixels; ++pixel, planes += densities.right) {
-        const Block behind = load<Block>(planes);
-        Block before = load<Block>(planes - 1);
-        before[0] = densities.last[pixel];
+        const float* const kept = densities.kept + pixel * kKeptPlanes;
+        Block behind = load<Block>(planes - 1), before = load<Block>(planes - 2);
+        behind[0] = before[1] = kept[kKeptPlanes - 1];
+        before[0] = kept[kKeptPlanes - 2];
         const Block front = before > 0 ? before : behind, back = behind > 0 ? behind : before;
         const Block low = front < back ? front : back, high = front < back ? back : front;
         const BlockBits found = (high > 0) & (low < beyond_visible) & (high >= first_visible);
@@ -77,7 +78,9 @@ void find_shown_slabs(const SlabShadingView& view, const SlabDensities& densitie
     for (int pixel = 0; pixel < pixels; ++pixel, planes += densities.right)
         for (int n = 0; n < kBlockPlanes; ++n) {
             if (!shown[pixel][n]) continue;
-            const float before = n == 0 ? densities.last[pixel] : planes[n - 1], behind = planes[n];
+            const float* const kept = densities.kept + pixel * kKeptPlanes;
+            const float before = n < 2 ? kept[kKeptPlanes - 2 + n] : planes[n - 2];
+            const float behind = n < 1 ? kept[kKeptPlanes - 1] : planes[n - 1];
             const float front = before > 0 ? before : behind, back = behind > 0 ? behind : before;
             const float low = front < back ? front : back, high = front < back ? back : front;
             const auto first = static_cast<std::int32_t>(low < 255.0f ? low : 255.0f);

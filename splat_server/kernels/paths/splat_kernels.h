@@ -29,8 +29,8 @@ struct SplatKernels {
     // Put densities in the place of the sums of a complete block, at so many neighbouring pixels.
     Kernel<void(const SlabSums& sums, void* block, int pixels)> find_slab_densities, find_wide_slab_densities;
 
-    // Marks the slabs that show anything, with 1 and 0: those between the last plane of the block before and the planes
-    // of this one, at neighbouring pixels.
+    // Marks the slabs that show anything, with 1 and 0, at neighbouring pixels: kBlockPlanes of them, of which the last
+    // ends on the plane before the block's last.
     Kernel<void(const SlabShadingView& view, const SlabDensities& densities, int pixels,
                 std::uint8_t (*shown)[kBlockPlanes])>
         find_shown_slabs;

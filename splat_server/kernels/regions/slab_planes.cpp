@@ -54,7 +54,7 @@ void SlabPlanes::make_room() {
     found_.patch_columns = (sums_.columns >> kPatchBits) + 1;
     patches_.assign(static_cast<std::size_t>(found_.patch_columns) * ((sums_.lines >> kPatchBits) + 1), 0);
     found_.patches = patches_.data();
-    last_plane_.assign(columns, 0);
+    kept_.assign(columns * kKeptPlanes, 0);
     last_touched_.assign(tiles, 0);
 }
 
@@ -122,14 +122,14 @@ void SlabPlanes::finish() {
     clock_.start();
     add_group();
     clock_.lap(seconds_.adding);
-    shade_before((frame_.planes - 1 + frame_.lead) / kBlockPlanes + 1);
+    shade_before((frame_.planes + frame_.lead) / kBlockPlanes + 1);
     let_go();
 }
 
 // Several times what the image takes, and the next frame may be hours away.
 void SlabPlanes::let_go() {
     memory_.reset();
-    std::vector<float>().swap(last_plane_);
+    std::vector<float>().swap(kept_);
     std::vector<SlabVoxel>().swap(voxels_);
     std::vector<SlabVoxel>().swap(sorted_);
 }
@@ -142,7 +142,7 @@ void SlabPlanes::shade(std::int64_t block) {
     const std::size_t tiles = last_touched_.size();
     each_tile(touched_.data(), [&](int row, int tile) { find_densities(row, tile); });
     clock_.lap(seconds_.densities);
-    // The first slab begins on the last plane of the block before
+    // The first slabs begin on planes of the block before
     for (std::size_t n = 0; n < tiles; ++n) last_touched_[n] |= touched_[n];
     each_tile(last_touched_.data(), [&](int row, int tile) { shade_tile(block, row, tile); });
     clock_.lap(seconds_.shading);
@@ -199,14 +199,14 @@ void SlabPlanes::shade_tile(std::int64_t block, int row, int tile) {
 // False if none are.
 bool SlabPlanes::find_shown(std::int64_t block, const TileArea& area, ShownPixels& shown) const {
     const SlabShadingView shading = frame_.shading->view();
-    const Plane last = plane(-1), first = plane(0);
-    const std::int64_t before_slab_0 = kBlockPlanes * block - frame_.lead - 1;  // its first plane
+    const Plane kept = plane(-kKeptPlanes), first = plane(0);
+    const std::int64_t before_slab_0 = first_slab(block);
     const auto begin = std::clamp<std::int64_t>(-before_slab_0, 0, kBlockPlanes);
     const auto end = std::clamp<std::int64_t>(frame_.planes - 1 - before_slab_0, 0, kBlockPlanes);
     shown.counts = {};
     bool any = false;
     for (int line = area.top; line < area.bottom; ++line) {
-        const SlabDensities densities{last.densities + line * last.down + area.left,
+        const SlabDensities densities{kept.densities + line * kept.down + area.left * kept.right,
                                       first.densities + line * first.down + area.left * first.right, first.right};
         std::uint8_t marks[kTileColumns][kBlockPlanes];
         splat_kernels().find_shown_slabs(shading, densities, area.right - area.left, marks);
@@ -229,13 +229,13 @@ bool SlabPlanes::find_shown(std::int64_t block, const TileArea& area, ShownPixel
 }
 
 void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, const ShownPixels& shown) {
-    const Plane planes[] = {plane(slab - 1), plane(slab)};
+    const Plane planes[] = {plane(slab - 2), plane(slab - 1)}, next[] = {plane(slab - 3), plane(slab)};
     float* const pixels = image_.pixels + (area.top + sums_.first_line) * image_.pitch + area.left;
     const auto pixel_at = [&](int n) {
         return pixels + shown.pixels[slab][n] / kTileColumns * image_.pitch + shown.pixels[slab][n] % kTileColumns;
     };
     samples_.count = 0;
-    samples_.slab = kBlockPlanes * block - frame_.lead - 1 + slab;
+    samples_.slab = first_slab(block) + slab;
     float* open[kTilePixels];
     for (int n = 0; n < shown.counts[slab]; ++n) {
         float* const pixel = pixel_at(n);
@@ -249,6 +249,7 @@ void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, 
             const float* const here = plane.densities + line * plane.down + x * plane.right;
             const std::int64_t right = sums_.aside * plane.right, down = sums_.aside * plane.down;
             samples_.here[side][at] = *here;
+            samples_.next[side][at] = next[side].densities[line * next[side].down + x * next[side].right];
             samples_.beside[side][0][at] = here[-right];
             samples_.beside[side][1][at] = here[right];
             samples_.beside[side][2][at] = here[-down];
@@ -291,23 +292,29 @@ void SlabPlanes::note_closed(const TileArea& area) {
         }
 }
 
-// Keeps the last plane of the block that was shaded, and has the next one take its place.
+// Keeps the last planes of the block that was shaded, and has the next one take its place.
 void SlabPlanes::move_on(int row, int tile) {
     const std::size_t block = kBlockPlanes * number_bytes_, all = sums_.planes * number_bytes_;
     for (int line = row * kTileLines; line < (row + 1) * kTileLines; ++line) {
         char* at = planes_at(line, tile * kTileColumns);
-        float* const kept = last_plane_.data() + line * sums_.pitch + tile * kTileColumns;
-        for (int n = 0; n < kTileColumns; ++n, at += all) {
-            std::memcpy(kept + n, at + (kBlockPlanes - 1) * sizeof(float), sizeof(float));
+        float* kept = kept_.data() + (line * sums_.pitch + tile * kTileColumns) * kKeptPlanes;
+        for (int n = 0; n < kTileColumns; ++n, at += all, kept += kKeptPlanes) {
+            std::memcpy(kept, at + (kBlockPlanes - kKeptPlanes) * sizeof(float), kKeptPlanes * sizeof(float));
             std::memmove(at, at + block, all - block);
             std::memset(at + all - block, 0, block);
         }
     }
 }
 
-// From pixel 0 of line 0 on; number -1 is the last of the block before.
+// The first slab that a block completes, which begins two planes before it.
+std::int64_t SlabPlanes::first_slab(std::int64_t block) const { return kBlockPlanes * block - frame_.lead - 2; }
+
+// From pixel 0 of line 0 on; those before number 0 are the last of the block before.
 SlabPlanes::Plane SlabPlanes::plane(int number) const {
-    if (number < 0) return {last_plane_.data() + sums_.margin, 1, sums_.pitch};
+    if (number < 0) {
+        const float* const kept = kept_.data() + sums_.margin * kKeptPlanes + kKeptPlanes + number;
+        return {kept, kKeptPlanes, static_cast<std::int64_t>(sums_.pitch) * kKeptPlanes};
+    }
     const auto* const densities = reinterpret_cast<const float*>(planes_at(0, sums_.margin)) + number;
     const auto right = static_cast<std::int64_t>(sums_.planes * number_bytes_ / sizeof(float));
     return {densities, right, sums_.pitch * right};

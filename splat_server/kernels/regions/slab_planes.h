@@ -40,7 +40,7 @@ private:
         int top, bottom;  // lines of the sums
     };
 
-    // One of the two planes of a slab: its densities, and how far it is to those of the next pixels.
+    // One of the planes that a slab looks at: its densities, and how far it is to those of the next pixels.
     struct Plane {
         const float* densities;
         std::int64_t right, down;
@@ -67,6 +67,7 @@ private:
     void note_closed(const TileArea& area);
     void move_on(int row, int tile);
     TileArea area_of(int row, int tile) const;
+    std::int64_t first_slab(std::int64_t block) const;
     Plane plane(int number) const;
     char* planes_at(int line, int column) const;
 
@@ -83,7 +84,7 @@ private:
     std::vector<SlabVoxel> voxels_, sorted_;
     SlabVoxels found_{};
     std::vector<std::uint32_t> patches_;
-    std::vector<float> last_plane_;  // [line][column], of the block before the next one
+    std::vector<float> kept_;  // [line][column][kKeptPlanes], of the last planes before the next block
     std::vector<std::uint8_t> last_touched_;
     std::int64_t next_block_ = 0;
     SlabSamples samples_;
