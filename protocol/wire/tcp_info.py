@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 # linux/tcp.h, struct tcp_info
 MIN_RTT = struct.Struct("=148xI")  # tcpi_min_rtt, microseconds
-SENT_AGAIN = struct.Struct("=2xB117xQ")  # tcpi_retransmits, tcpi_bytes_acked
+# tcpi_retransmits, tcpi_probes, tcpi_bytes_acked. Unanswered probes take the place of sending again if nothing is under
+# way, as when a firewall of this machine drops what is sent; a peer that does not read answers them.
+SENT_AGAIN = struct.Struct("=2x2B116xQ")
 
 
 class Delivery(NamedTuple):
@@ -25,8 +27,8 @@ def round_trip(connected: socket.socket) -> float:
 
 def delivery(connected: socket.socket) -> Delivery:
     """As this end's system has seen it; nothing if it does not tell. Raises OSError."""
-    times, taken = _told(connected, SENT_AGAIN) or (0, 0)
-    return Delivery(times > 0, taken)
+    times, probes, taken = _told(connected, SENT_AGAIN) or (0, 0, 0)
+    return Delivery(times + probes > 0, taken)
 
 
 def _told(connected: socket.socket, fields: struct.Struct) -> tuple[int, ...] | None:

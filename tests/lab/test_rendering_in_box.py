@@ -121,19 +121,25 @@ def test_the_doctor_names_a_link_that_carries_small_packets_alone(whole: Box, tm
 
 
 @pytest.mark.skipif(bool(WHY_UNHARMED), reason=WHY_UNHARMED)
+@pytest.mark.parametrize("by", ["the sender's own firewall", "the receiver's"])
 def test_a_link_between_two_servers_that_carries_small_packets_alone_holds_no_frame_up(
-    whole: Box, volume: Path, tmp_path: Path
+    whole: Box, head: Path, tmp_path: Path, by: str
 ) -> None:
     """Both are well, and the client reaches both."""
     path = cluster_file(whole, tmp_path)
     path.write_text(f"silence = 1\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
     runs(whole, tmp_path, "deploy", "up", path.name)
-    network = HostNetwork(whole.hosts["worker-1"], psutil.Process(whole.servers("worker-1")[0]), GIGABIT)
+    worker, splat = (whole.hosts[name] for name in ("worker-1", "splat"))
+    harmed = "worker-1" if by.startswith("the sender") else "splat"
+    network = HostNetwork(whole.hosts[harmed], psutil.Process(whole.servers(harmed)[0]), GIGABIT)
     try:
-        network.swallow_large(whole.hosts["splat"])
-        runs(whole, tmp_path, "render", str(volume), "--cluster", path.name, *PICTURE, "--output", "harmed.exr")
+        if harmed == "splat":
+            network.swallow_large_from(worker)
+        else:
+            network.swallow_large_to(splat)
+        runs(whole, tmp_path, "render", str(head), "--cluster", path.name, *PICTURE, "--output", "harmed.exr")
     finally:
         network.heal()
         runs(whole, tmp_path, "deploy", "down", path.name)
-    runs(whole, tmp_path, "render", str(volume), "--single", *PICTURE, "--output", "alone.exr")
+    runs(whole, tmp_path, "render", str(head), "--single", *PICTURE, "--output", "alone.exr")
     assert read_image(tmp_path / "harmed.exr").equal(read_image(tmp_path / "alone.exr"))

@@ -3,7 +3,7 @@
 import socket
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 
 import pytest
@@ -44,6 +44,29 @@ def test_what_was_taken_rises_by_what_was_sent_whether_or_not_it_is_read(
             assert delivery(one) == Delivery(sends_again=False, taken=taken)
         assert delivery(other).taken == back
         assert 0.0 < round_trip(one) < PATIENCE
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone tells")
+@pytest.mark.parametrize(("family", "host"), FAMILIES)
+def test_a_peer_that_does_not_read_is_asked_for_room_and_nothing_is_sent_again(
+    family: socket.AddressFamily, host: str
+) -> None:
+    with connected(family, host) as (one, other):
+        one.setblocking(False)
+        wait_until(lambda: times_asked_for_room(one) > 2 or fill(one), "is it asked, and asked again")
+        taken = delivery(one).taken
+        wait_until(lambda: delivery(one) == Delivery(sends_again=False, taken=taken), "has it answered")
+
+
+def fill(connected: socket.socket) -> None:
+    with suppress(BlockingIOError):
+        while connected.send(bytes(4096)):
+            pass
+
+
+def times_asked_for_room(connected: socket.socket) -> int:
+    """tcpi_backoff, which an answer without room lets stand."""
+    return connected.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 8)[4]
 
 
 def test_nothing_is_told_of_sockets_that_lose_nothing() -> None:

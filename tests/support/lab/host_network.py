@@ -11,6 +11,7 @@ from volsplat.bench.hosts.namespaces import BRIDGE, Host, do
 
 TABLE = "inet faults"  # of nftables, on the host that suffers
 CHAINS = {"input": ("dport", "sport"), "output": ("sport", "dport")}  # how its own port and its peer's are called
+EXCEPT_SSH = ("tcp dport 22 accept", "tcp sport 22 accept")
 
 
 def why_unharmed() -> str:
@@ -50,13 +51,17 @@ class HostNetwork:
         """So much of the packets, in each direction."""
         self._filter(dict.fromkeys(CHAINS, [f"numgen random mod 1000 < {round(1000 * part)} drop"]))
 
-    def swallow_large(self, peer: Host | None = None) -> None:
-        """Packets of full size are lost without a word, but for those of ssh; with a peer only those to it."""
-        ssh = ["tcp dport 22 accept", "tcp sport 22 accept"]
-        if peer is None:
-            self._filter(dict.fromkeys(CHAINS, [*ssh, "meta length > 1280 drop"]))
-        else:
-            self._filter({"output": [*ssh, f"ip daddr {peer.address} meta length > 1280 drop"]})
+    def swallow_large(self) -> None:
+        """Packets of full size are lost without a word, but for those of ssh."""
+        self._filter(dict.fromkeys(CHAINS, [*EXCEPT_SSH, "meta length > 1280 drop"]))
+
+    def swallow_large_to(self, peer: Host) -> None:
+        """As swallow_large, before they have left: the system takes them back, and has nothing under way."""
+        self._filter({"output": [*EXCEPT_SSH, f"ip daddr {peer.address} meta length > 1280 drop"]})
+
+    def swallow_large_from(self, peer: Host) -> None:
+        """As swallow_large, once they have arrived: the peer's system sends them again."""
+        self._filter({"input": [*EXCEPT_SSH, f"ip saddr {peer.address} meta length > 1280 drop"]})
 
     def slow_down(self, bytes_a_second: float) -> None:
         self._host.shape(8 * bytes_a_second)
