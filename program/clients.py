@@ -38,7 +38,7 @@ class Clients:
             self._port = WaitingPort(role, options.wait_at, options.token, self._allocate, options.encryption)
         self._lost = False  # the client before; or nobody came
         self._found = False
-        self._departure = Departure(options.silence)
+        self._departure = Departure()
         self._departure.watch()
         if self._port is not None:
             log.warning("waiting for clients at %s", self._port.address)

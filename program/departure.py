@@ -1,8 +1,8 @@
 """How a server leaves on SIGTERM: its client has others take over, and lets it go.
 
-It has LEAVE_SECONDS to complete its frame while the client is heard, which gives a sign of life every half second or
-more often (see heartbeat). Without a client, or with one that is silent, a server ends at once: the client is stopped,
-or a library holds its interpreter. It heals then, as after any loss.
+It has LEAVE_SECONDS to complete its frame while the client is heard, which gives a sign of life about every half second
+(see heartbeat). Without a client, or with one that is lost or silent, a server ends soon, whatever its main thread is
+at: the client is gone or stopped, or a library holds its interpreter. It heals then, as after any loss.
 """
 
 import logging
@@ -10,6 +10,7 @@ import os
 import select
 import signal
 import threading
+import time
 from contextlib import suppress
 from types import FrameType
 
@@ -17,10 +18,10 @@ from volsplat.program.exit_status import EXIT_TERMINATED
 from volsplat.protocol.messages.session_messages import LeaveSession
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
-from volsplat.protocol.wire.heartbeat import Heartbeat
 
 LEAVE_SECONDS = 25.0  # for the client: engines give 30 between SIGTERM and SIGKILL
-LEAVING_SILENCE = 1.5  # seconds, of the client: three signs of life are missing, and the server is gone within 2
+LEAVING_SILENCE = 1.5  # seconds, of the client: about three signs of life are missing, and the server is gone within 2
+LOOKS_IN_SILENCE = 6
 
 log = logging.getLogger(__name__)
 
@@ -28,9 +29,7 @@ log = logging.getLogger(__name__)
 class Departure:
     """Begins with the first SIGTERM; a second one ends the process at once."""
 
-    def __init__(self, silence: float) -> None:
-        """`silence` is what the client is told of this server: see heartbeat."""
-        self._silence = silence
+    def __init__(self) -> None:
         self._lock = threading.Lock()  # guards what follows
         self._client: Connection | None = None
         self._begun = False
@@ -53,7 +52,7 @@ class Departure:
         with self._lock:
             self._client, begun = client, self._begun
         if begun and client is not None:
-            self._take_leave(client)
+            _say_so(client)
 
     def _end_if_idle(self, _signal: int, _frame: FrameType | None) -> None:
         if self._client is None:
@@ -63,34 +62,53 @@ class Departure:
         _wait_for_sigterm(signals)
         with self._lock:
             self._begun, client = True, self._client
-        if client is not None and client.hung_up:  # who would have others take over is gone
+        if client is not None and (client.loss or client.hung_up):  # who would have others take over is gone
             os._exit(EXIT_TERMINATED)
         if client is not None:
             log.warning(
                 "told to end; while the client is heard, it has up to %g s to have others take over", LEAVE_SECONDS
             )
-            self._take_leave(client)
-        if not select.select([signals], [], [], LEAVE_SECONDS)[0]:
-            log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)
-            os._exit(0)
-        _wait_for_sigterm(signals)
-        os._exit(EXIT_TERMINATED)
+            _say_so(client)
+        self._end_in_time(signals)
 
-    def _take_leave(self, client: Connection) -> None:
-        """Waits for nothing: a client that is frozen may not take what is said to it."""
-        Heartbeat(self._silence).keep(client, lambda: LEAVING_SILENCE, _end_without)
-        threading.Thread(target=_say_so, args=(client,), name="tell the client", daemon=True).start()
+    def _end_in_time(self, signals: int) -> None:
+        """The main thread ends the process first, unless it is at something that takes too long."""
+        end = time.monotonic() + LEAVE_SECONDS
+        came, quiet = None, 0  # looks, so that only time counts in which this process was awake
+        while (left := end - time.monotonic()) > 0.0:
+            if _sigterm_comes(signals, min(left, LEAVING_SILENCE / LOOKS_IN_SILENCE)):
+                os._exit(EXIT_TERMINATED)
+            client, before = self._client, came
+            if client is not None:
+                came = client, client.came
+                quiet = 0 if client.unread or came != before else quiet + 1
+                if quiet == LOOKS_IN_SILENCE:
+                    _end_without(client)
+        log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)
+        os._exit(0)
 
 
 def _say_so(client: Connection) -> None:
-    with suppress(VolsplatError):  # who receives from it tells that it is lost
-        client.send(LeaveSession())
+    """Waits for nothing: a client that is frozen may not take what is said to it."""
+
+    def say() -> None:
+        with suppress(VolsplatError):  # who receives from it tells that it is lost
+            client.send(LeaveSession())
+
+    threading.Thread(target=say, name="tell the client", daemon=True).start()
 
 
-def _end_without(loss: str) -> None:
-    """The client is silent; the main thread may be at work for it for long."""
-    log.warning("%s; this server ends without it", loss)
+def _end_without(client: Connection) -> None:
+    if client.closed and not client.loss:  # it has let this server go
+        os._exit(0)
+    silent = f"{client} has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off"
+    log.warning("%s; this server ends without it", client.loss or silent)
     os._exit(EXIT_TERMINATED)
+
+
+def _sigterm_comes(signals: int, within: float) -> bool:
+    """Whether it does in so many seconds; another signal ends the wait."""
+    return bool(select.select([signals], [], [], within)[0]) and os.read(signals, 1)[0] == signal.SIGTERM
 
 
 def _wait_for_sigterm(signals: int) -> None:

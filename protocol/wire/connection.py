@@ -89,6 +89,11 @@ class Connection:
         return self._closed
 
     @property
+    def loss(self) -> str:
+        """Why it was closed, unless this side wished it."""
+        return self._loss
+
+    @property
     def may_share_memory(self) -> bool:
         """Whether the other end is a process of this user on this machine, which descriptors can be passed to."""
         return self._socket.family == socket.AF_UNIX

@@ -45,37 +45,57 @@ ROLES = {MAPSHADE: "map/shade server", SPLAT: "splat server"}
 
 SOON = 0.6 * LEAVE_SECONDS  # ten times what a silent client is given, and too short to wait for one that is heard
 UNTIL = f"told to end; while the client is heard, it has up to {LEAVE_SECONDS:g} s to have others take over"
-SILENT = f"the client has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off; "
-SILENT += "this server ends without it"
-
-
 BUSY = """
-import os, signal, socket, threading
+import logging, os, signal, socket, threading
+from contextlib import suppress
 from volsplat.program.departure import Departure
+from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.connection import Connection
 
 ours, theirs = socket.socketpair()
-departure = Departure(silence=2.0)
+client = Connection(ours, "the client")
+departure = Departure()
 departure.watch()
-departure.attend(Connection(ours, "the client"))
+departure.attend(client)
+says_so = threading.Event()
+logging.getLogger("volsplat.program.departure").addFilter(lambda line: says_so.set() or True)
+
+def receive():
+    with suppress(PeerLost):
+        client.receive()
+
+def tell_to_end():
+    os.kill(os.getpid(), signal.SIGTERM)
+
 {}
-os.kill(os.getpid(), signal.SIGTERM)
-threading.Event().wait()  # it is at work, and has not seen yet that its client is gone
+threading.Event().wait()  # it is at work, and has not seen yet what became of its client
 """
+SILENT = f"the client has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off; "
+WITHOUT = "this server ends without it"
 
 
 @pytest.mark.parametrize(
-    ("client", "said"),
-    [("theirs.close()", []), ("pass", [UNTIL, SILENT])],
-    ids=["gone", "silent"],
+    ("happens", "said", "status"),
+    [
+        ("theirs.close(); tell_to_end()", [], EXIT_TERMINATED),
+        ("theirs.close(); receive(); assert client.closed; tell_to_end()", [], EXIT_TERMINATED),
+        ("tell_to_end()", [UNTIL, SILENT + WITHOUT], EXIT_TERMINATED),
+        (
+            "tell_to_end(); says_so.wait(); client.give_up('it is lost')",
+            [UNTIL, f"it is lost; {WITHOUT}"],
+            EXIT_TERMINATED,
+        ),
+        ("tell_to_end(); says_so.wait(); client.close()", [UNTIL], 0),
+    ],
+    ids=["gone", "lost", "silent", "lost meanwhile", "ends the session"],
 )
-def test_a_server_at_work_whose_client_is_gone_or_silent_ends_and_says_no_more_than_why(
-    client: str, said: list[str]
+def test_a_server_at_work_whose_client_hears_it_no_more_ends_and_says_no_more_than_why(
+    happens: str, said: list[str], status: int
 ) -> None:
     ended = subprocess.run(
-        [sys.executable, "-c", BUSY.format(client)], capture_output=True, text=True, timeout=PATIENCE
+        [sys.executable, "-c", BUSY.format(happens)], capture_output=True, text=True, timeout=PATIENCE
     )
-    assert (ended.returncode, ended.stderr.splitlines()) == (EXIT_TERMINATED, said)
+    assert (ended.returncode, ended.stderr.splitlines()) == (status, said)
 
 
 def test_a_resident_that_cannot_use_any_client_ends_as_one_that_finds_none() -> None:
