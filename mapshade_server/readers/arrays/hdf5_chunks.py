@@ -36,19 +36,19 @@ def read_selection(dataset: Any, selection: Selection) -> NDArray[Any]:
     filters = _filters(dataset)
     if DEFLATE in {one.number for one in filters} <= {DEFLATE, SHUFFLE} and _is_stored_plainly(dataset):
         return _unpacked(dataset, selection, filters)
-    _check_bounded(dataset, _ranges(dataset, selection), dataset.nbytes, MOST_HOPS)
+    _check_bounded(dataset, _ranges(dataset, selection), MOST_HOPS)
     values: NDArray[Any] = dataset[tuple(selection)]
     return values
 
 
-def _check_bounded(dataset: Any, wanted: Sequence[range], whole_bytes: int, hops: int) -> None:
+def _check_bounded(dataset: Any, wanted: Sequence[range], hops: int) -> None:
     """Raises ValueError, or BadInput, if HDF5 would unpack more than is promised to read this part."""
     if dataset.is_virtual:
         if not hops:
             raise ValueError("it takes its values from virtual datasets that take theirs from others, without end")
         for source, part in sources(dataset, wanted):
-            check_chunks(source.file.filename, source, whole_bytes)
-            _check_bounded(source, part, whole_bytes, hops - 1)
+            check_chunks(source.file.filename, source)
+            _check_bounded(source, part, hops - 1)
         return
     filters = _filters(dataset)
     numbers = [one.number for one in filters]
@@ -65,10 +65,10 @@ def _check_bounded(dataset: Any, wanted: Sequence[range], whole_bytes: int, hops
             _through(*found, filters, deflated, _most(dataset))
 
 
-def check_chunks(source: str, dataset: Any, whole_bytes: int) -> None:
+def check_chunks(source: str, dataset: Any) -> None:
     """Raises BadInput if its chunks are promised to be far more than the whole."""
     if dataset.chunks:
-        check_promise(source, math.prod(dataset.chunks) * dataset.dtype.itemsize, whole_bytes)
+        check_promise(source, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
 
 
 def _most(dataset: Any) -> int:

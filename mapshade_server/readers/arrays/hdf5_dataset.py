@@ -242,7 +242,7 @@ def _check_readable(part: ArrayPart, dataset: Any) -> None:
                 f"{part.whole}: is compressed by HDF5's filter {number} ({filter_name}), which is not installed; "
                 f"convert it, as in h5repack -f GZIP=4 {Path(part.place).name} NEW.h5"
             )
-    check_chunks(part.whole, dataset, dataset.nbytes)
+    check_chunks(part.whole, dataset)
     check_files_beside(dataset)
     if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
@@ -328,7 +328,7 @@ def _variable(length: int, name: str, variable: Any) -> Coordinates:
 
 def _numbers(length: int, variable: Any) -> NDArray[Any]:
     """The coordinates in a variable, one for each index."""
-    check_chunks(variable.name, variable, variable.nbytes)
+    check_chunks(variable.name, variable)
     numbers = read_selection(variable, (slice(None),))
     return numbers if len(numbers) == length else (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
 
