@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import msgspec
@@ -34,6 +34,7 @@ from volsplat.mapshade_server.held.volume_identity import (
     identity_of,
 )
 from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile, disk_files
 from volsplat.protocol.description.scene import Quantise, Scene, Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
@@ -330,6 +331,49 @@ def virtual_hdf5(folder: Path, value: int) -> str:
             with h5py.File(folder / name, "w") as file:
                 file.create_virtual_dataset("entry", layout)
     return f"{folder / 'master.h5'}#/entry"
+
+
+def linked_on(folder: Path, to: str) -> Any:
+    """A source of a virtual dataset in a file that only leads on."""
+    with h5py.File(folder / "between.h5", "w") as file:
+        file["entry"] = h5py.ExternalLink(to, "/voxels")
+    return h5py.VirtualSource("between.h5", "entry", (6, 7, 8))
+
+
+def linked_twice_hdf5(folder: Path) -> list[str]:
+    linked_on(folder, "data.h5")
+    with h5py.File(folder / "master.h5", "w") as file:
+        file["entry"] = h5py.ExternalLink("between.h5", "/entry")
+    return ["between.h5", "data.h5"]
+
+
+def virtual_hdf5_of_linked(folder: Path) -> list[str]:
+    layout = h5py.VirtualLayout((6, 7, 8), np.int16)
+    layout[:] = linked_on(folder, "data.h5")
+    with h5py.File(folder / "master.h5", "w") as file:
+        file.create_virtual_dataset("entry", layout)
+    return ["between.h5", "data.h5"]
+
+
+def virtual_hdf5_of_lost(folder: Path) -> list[str]:
+    """Of which one half is there, and the other one may come."""
+    layout = h5py.VirtualLayout((12, 7, 8), np.int16)
+    layout[:6] = h5py.VirtualSource("data.h5", "voxels", (6, 7, 8))
+    layout[6:] = linked_on(folder, "gone.h5")
+    with h5py.File(folder / "master.h5", "w") as file:
+        file.create_virtual_dataset("entry", layout)
+    return ["data.h5", "between.h5"]
+
+
+@pytest.mark.parametrize("write", [linked_twice_hdf5, virtual_hdf5_of_linked, virtual_hdf5_of_lost])
+def test_files_that_only_lead_on_belong_to_the_volume_each_once(
+    write: Callable[[Path], list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    voxels_behind(tmp_path, 1)
+    names = write(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for place in (tmp_path / "master.h5", "master.h5"):
+        assert open_volume(f"{place}#/entry").files == disk_files([tmp_path / n for n in ("master.h5", *names)])
 
 
 @pytest.mark.parametrize("write", [raw_with_words_beside, linked_hdf5, virtual_hdf5])

@@ -75,6 +75,14 @@ def virtual_hdf5(folder: Path) -> tuple[Path, Path]:
     return folder / "v.h5", folder / "x.h5"
 
 
+def virtual_of_virtual_hdf5(folder: Path) -> tuple[Path, Path]:
+    layout = h5py.VirtualLayout(VALUES.shape, "u1")
+    layout[...] = h5py.VirtualSource("v.h5", "v", VALUES.shape)
+    with h5py.File(folder / "w.h5", "w") as file:
+        file.create_virtual_dataset("w", layout)
+    return folder / "w.h5", virtual_hdf5(folder)[1]
+
+
 def linked_hdf5(*files: str, part: str = "") -> Callable[[Path], tuple[Path, Path]]:
     """Each file's link leads to the next one's, the last one's to the FIFO."""
 
@@ -97,6 +105,7 @@ SETS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
     "Zarr 3, a chunk": zarr_with("c/0/0/0", 3),
     "Zarr 3, its document": zarr_with("zarr.json", 3),
     "virtual HDF5": virtual_hdf5,
+    "virtual HDF5 of virtual": virtual_of_virtual_hdf5,
     "linked HDF5": linked_hdf5("v.h5"),
     "linked HDF5, by name": linked_hdf5("v.h5", part="#v"),
     "HDF5, linked twice": linked_hdf5("v.h5", "w.h5"),

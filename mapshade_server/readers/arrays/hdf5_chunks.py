@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
 from volsplat.mapshade_server.readers.arrays.hdf5_names import MOST_HOPS
-from volsplat.mapshade_server.readers.arrays.hdf5_sources import sources
+from volsplat.mapshade_server.readers.arrays.hdf5_sources import Part, sources
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise, inflated
 
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # HDF5's numbers of filters
@@ -41,7 +41,7 @@ def read_selection(dataset: Any, selection: Selection) -> NDArray[Any]:
     return values
 
 
-def _check_bounded(dataset: Any, wanted: Sequence[range], hops: int) -> None:
+def _check_bounded(dataset: Any, wanted: Part, hops: int) -> None:
     """Raises ValueError, or BadInput, if HDF5 would unpack more than is promised to read this part."""
     if dataset.is_virtual:
         if not hops:
@@ -89,14 +89,14 @@ def _is_stored_plainly(dataset: Any) -> bool:
     return bool(kind.kind in "iuf" and dataset.id.get_type().equal(h5t.py_create(kind)))
 
 
-def _ranges(dataset: Any, selection: Selection) -> list[range]:
-    return [
+def _ranges(dataset: Any, selection: Selection) -> Part:
+    return tuple(
         range(part, part + 1) if isinstance(part, int) else range(*part.indices(length))
         for part, length in zip(selection, dataset.shape, strict=True)
-    ]
+    )
 
 
-def _touched(dataset: Any, wanted: Sequence[range]) -> Iterator[tuple[int, ...]]:
+def _touched(dataset: Any, wanted: Part) -> Iterator[tuple[int, ...]]:
     """Where the chunks begin that share voxels with what is wanted."""
     axes = [range(one.start // size * size, one.stop, size) for one, size in zip(wanted, dataset.chunks, strict=True)]
     yield from product(*axes)

@@ -96,14 +96,14 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             warnings=[*_told_missing(dataset), *warnings_of(coordinates, grid)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
-            files=_files(path, [dataset]),
+            files=_files(path, [name]),
             parts=parts,
         )
 
 
-def _files(path: Path, datasets: Sequence[Any]) -> Callable[[], Sequence[VolumeFile]]:
+def _files(path: Path, names: Sequence[str]) -> Callable[[], Sequence[VolumeFile]]:
     """The file itself, and those that links and virtual datasets lead to."""
-    files = disk_files([path, *(place for dataset in datasets for place in value_files(dataset))])
+    files = disk_files([place for name in names for place in value_files(path, name)])
     return lambda: files
 
 
@@ -139,8 +139,8 @@ def _image(part: ArrayPart, image: Hdf5Image, file: Any) -> OpenedVolume:
         density_name=image.density_name,
         warnings=tuple(_told_missing(dataset)),
     )
-    datasets = [file[path] for path in (image.path, image.point_ghosts, image.cell_ghosts) if path]
-    return OpenedVolume(description, read, _files(Path(part.place), datasets), parts=image.parts)
+    names = [path for path in (image.path, image.point_ghosts, image.cell_ghosts) if path]
+    return OpenedVolume(description, read, _files(Path(part.place), names), parts=image.parts)
 
 
 def _ghosts(part: ArrayPart, image: Hdf5Image, path: str) -> Reader | None:
@@ -329,6 +329,7 @@ def _variable(length: int, name: str, variable: Any) -> Coordinates:
 def _numbers(length: int, variable: Any) -> NDArray[Any]:
     """The coordinates in a variable, one for each index."""
     check_chunks(variable.name, variable)
+    value_files(Path(variable.file.filename), variable.name)  # which may be more than can be gone through
     numbers = read_selection(variable, (slice(None),))
     return numbers if len(numbers) == length else (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
 

@@ -91,28 +91,33 @@ def links_out(group: Any, most: int) -> list[tuple[str, Any]]:
     return found
 
 
-def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> None:
-    """Raises BadInput if a link on the way to a path leads to what is no file: HDF5 would wait for a FIFO."""
+def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> list[Path]:
+    """The files that external links on the way to a path lead to.
+
+    Raises BadInput if one leads to what is no file: HDF5 would wait for a FIFO.
+    """
     at, steps = group.file if path.startswith("/") else group, [step for step in path.split("/") if step]
     for n, step in enumerate(steps):
         link, rest = at.get(step, getlink=True), "/".join(steps[n + 1 :])
         if isinstance(link, h5py().ExternalLink):
-            _check_way_out(at, link, rest, hops)
-        elif isinstance(link, h5py().SoftLink) and hops:
-            check_way(at, f"{link.path}/{rest}", hops - 1)
-        elif isinstance(link, h5py().HardLink) and isinstance(at[step], h5py().Group):
-            at = at[step]
-            continue
-        return
+            return _check_way_out(at, link, rest, hops)
+        if isinstance(link, h5py().SoftLink) and hops:
+            return check_way(at, f"{link.path}/{rest}", hops - 1)
+        if not (isinstance(link, h5py().HardLink) and isinstance(at[step], h5py().Group)):
+            break
+        at = at[step]
+    return []
 
 
-def _check_way_out(group: Any, link: Any, rest: str, hops: int) -> None:
+def _check_way_out(group: Any, link: Any, rest: str, hops: int) -> list[Path]:
     if (place := found_beside(Path(group.file.filename), link.filename)) is None:
-        return
+        return []
     check_is_file(place)
+    passed = [place]
     if hops and h5py().is_hdf5(place):
         with suppress(OSError), hdf5_file(place) as other:  # cut short, it leads nowhere
-            check_way(other, f"{link.path}/{rest}", hops - 1)
+            passed += check_way(other, f"{link.path}/{rest}", hops - 1)
+    return passed
 
 
 def behind(group: Any, name: str) -> Any:

@@ -1,6 +1,7 @@
 """The datasets that a virtual one takes its values from, which part of each a selection needs, and in which files."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -8,73 +9,127 @@ from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.arrays.hdf5_names import MOST_HOPS, SAME_FILE, check_way, found_beside
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.protocol.text.errors import BadInput
+
+MOST_WAYS = 100_000  # by which a dataset takes its values from others
+
+Part = tuple[range, ...]  # of a dataset, by axis
 
 
 class _Selected(NamedTuple):
     """What a dataspace selects."""
 
-    box: list[range]  # which surrounds it, by axis
+    box: Part  # which surrounds it
     whole: bool  # all of the box
 
 
-def sources(dataset: Any, wanted: Sequence[range]) -> Iterator[tuple[Any, list[range]]]:
+class _Source(NamedTuple):
+    """A dataset, as a file names it."""
+
+    own: Path  # that file
+    file: str
+    path: str
+
+
+class _Taken(NamedTuple):
+    """What a virtual dataset takes from a source."""
+
+    of: _Selected | None  # the source; None for all of it
+    into: _Selected | None  # itself; None if that has no end
+
+
+def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Part]]:
     """Each, open until the next one is asked for, with what is needed of it, or more if that cannot be told.
 
     Those that are not there are left out: HDF5 gives its fill value instead.
     """
-    for source, into, name, path in _named(dataset, wanted):
-        for one in _opened(dataset, name, path):
-            yield one, _needed(_selected(source.src_space, one.shape), into, wanted)
+    for source, taken in _named(dataset, wanted):
+        for one in _opened(source, []):
+            yield one, _needed(one, taken, wanted)
 
 
-def value_files(dataset: Any) -> list[Path]:
-    """The files that hold its values, or lead to them through virtual datasets; that of the dataset first."""
-    found: dict[Path, None] = {}
-    seen: set[tuple[str, str]] = set()
+def value_files(path: Path, name: str) -> list[Path]:
+    """The files that hold the values of this name in a file, or lead to them; the file itself first.
 
-    def look(one: Any, hops: int) -> None:
-        own = Path(one.file.filename)
-        found[own] = None
-        found.update((place, None) for name, _, _ in one.external or () if (place := found_beside(own, name)))
-        if one.is_virtual and hops and (one.file.filename, one.name) not in seen:
-            seen.add((one.file.filename, one.name))
-            named = _named(one, [range(length) for length in one.shape])
-            for name, path in dict.fromkeys((name, path) for _, _, name, path in named):
-                for source in _opened(one, name, path):
-                    look(source, hops - 1)
-
-    look(dataset, MOST_HOPS)
-    return list(found)
-
-
-def _named(dataset: Any, wanted: Sequence[range]) -> Iterator[tuple[Any, _Selected | None, str, str]]:
-    """What a virtual dataset says of each source that may be needed, what it is put into, its file and path."""
-    for source in dataset.virtual_sources():
-        endless = _endless_axis(source.vspace)
-        into = _selected(source.vspace, dataset.shape) if endless is None else None
-        if into is not None and not all(map(_common, into.box, wanted)):
-            continue
-        for number in [0] if endless is None else _numbers(source.vspace, endless, wanted):
-            yield source, into, _numbered(source.file_name, number), _numbered(source.dset_name, number)
+    Raises BadInput if a dataset takes them from others by far too many ways: HDF5 goes each to read or close it.
+    """
+    passed: list[Path] = []
+    level, ways = Counter({_Source(path, SAME_FILE, name): 1}), 0
+    for _ in range(MOST_HOPS + 1):
+        onward = Counter[_Source]()
+        for source, times in level.items():
+            for one in _opened(source, passed):
+                passed += _own_files(one)
+                for further, _ in _named(one, _all_of(one)) if one.is_virtual else ():
+                    onward[further] += times
+                    ways += times
+                    if ways > MOST_WAYS:
+                        raise _too_many(path)
+        level = onward
+    if level:
+        raise _endless(path)
+    return list(dict.fromkeys(place.absolute() for place in passed))
 
 
-def _opened(dataset: Any, name: str, path: str) -> Iterator[Any]:
-    """The dataset at a path of a file that a virtual one names, while it is looked at; none if it is not there."""
+def _endless(file: object) -> BadInput:
+    return BadInput(f"{file}: it takes its values from virtual datasets that take theirs from others, without end")
+
+
+def _too_many(file: object) -> BadInput:
+    return BadInput(
+        f"{file}: it takes its values from other datasets by more than {MOST_WAYS} ways, numbered or through each "
+        "other; copy them into one dataset"
+    )
+
+
+def _own_files(dataset: Any) -> list[Path]:
     own = Path(dataset.file.filename)
-    place = own if name == SAME_FILE else found_beside(own, name)
-    if place is None or not h5py().is_hdf5(place):
+    return [own, *(place for name, _, _ in dataset.external or () if (place := found_beside(own, name)))]
+
+
+def _named(dataset: Any, wanted: Part) -> Iterator[tuple[_Source, _Taken]]:
+    """The sources that a virtual dataset says it takes what is wanted from."""
+    own, told, h5s = Path(dataset.file.filename), dataset.id.get_create_plist(), h5py().h5s
+    for n in range(told.get_virtual_count()):  # of which there may be thousands, for each read
+        space = told.get_virtual_vspace(n)
+        endless = _endless_axis(space, h5s)
+        if endless is None and not _is_near(space, wanted):
+            continue
+        into = _selected(space, h5s) or _Selected(_all_of(dataset), whole=True) if endless is None else None
+        taken = _Taken(_selected(told.get_virtual_srcspace(n), h5s), into)
+        file, path = told.get_virtual_filename(n), told.get_virtual_dsetname(n)
+        for number in [0] if endless is None else _numbers(space, endless, wanted):
+            yield _Source(own, _numbered(file, number), _numbered(path, number)), taken
+
+
+def _opened(source: _Source, passed: list[Path]) -> Iterator[Any]:
+    """The dataset while it is looked at, none if it is not there; the files on the way to it are added to `passed`."""
+    place = source.own if source.file == SAME_FILE else found_beside(source.own, source.file)
+    if place is None:
+        return
+    check_is_file(place)
+    if not h5py().is_hdf5(place):
         return
     with suppress(OSError), hdf5_file(place) as file:  # cut short, it has nothing
-        check_way(file, path)
-        if isinstance(one := file.get(path), h5py().Dataset):
+        passed += [place, *check_way(file, source.path)]
+        if isinstance(one := file.get(source.path), h5py().Dataset):
             yield one
 
 
-def _endless_axis(space: Any) -> int | None:
-    if space.get_select_type() != h5py().h5s.SEL_HYPERSLABS or not space.is_regular_hyperslab():
+def _endless_axis(space: Any, h5s: Any) -> int | None:
+    if space.get_select_type() != h5s.SEL_HYPERSLABS or not space.is_regular_hyperslab():
         return None
     _, _, counts, sizes = space.get_regular_hyperslab()
-    return next((n for n, both in enumerate(zip(counts, sizes, strict=True)) if h5py().h5s.UNLIMITED in both), None)
+    if h5s.UNLIMITED not in counts + sizes:
+        return None
+    return next(n for n, both in enumerate(zip(counts, sizes, strict=True)) if h5s.UNLIMITED in both)
+
+
+def _is_near(space: Any, wanted: Part) -> bool:
+    """Whether what is selected may have something of what is wanted."""
+    lows, highs = space.get_select_bounds()
+    return all(low < one.stop and one.start <= high for low, high, one in zip(lows, highs, wanted, strict=True))
 
 
 def _numbers(space: Any, axis: int, wanted: Sequence[range]) -> range:
@@ -91,25 +146,31 @@ def _numbered(name: str, number: int) -> str:
     return "%".join(part.replace("%b", str(number)) for part in name.split("%%"))
 
 
-def _selected(space: Any, shape: Sequence[int]) -> _Selected:
-    if space.get_select_type() == h5py().h5s.SEL_ALL:
-        return _Selected([range(length) for length in shape], whole=True)
-    box = [range(low, high + 1) for low, high in zip(*space.get_select_bounds(), strict=True)]
+def _selected(space: Any, h5s: Any) -> _Selected | None:
+    """None for all of it."""
+    if space.get_select_type() == h5s.SEL_ALL:
+        return None
+    box = tuple(range(low, high + 1) for low, high in zip(*space.get_select_bounds(), strict=True))
     return _Selected(box, whole=space.get_select_npoints() == math.prod(map(len, box)))
 
 
-def _needed(source: _Selected, into: _Selected | None, wanted: Sequence[range]) -> list[range]:
-    """Boxes of equal shapes but for axes of length 1 are read alike."""
-    if into is None or not (into.whole and source.whole):
-        return source.box
-    axes, sides = ([n for n, side in enumerate(box) if len(side) > 1] for box in (into.box, source.box))
-    if [len(into.box[n]) for n in axes] != [len(source.box[n]) for n in sides]:
-        return source.box
-    needed = list(source.box)
+def _all_of(dataset: Any) -> Part:
+    return tuple(map(range, dataset.shape))
+
+
+def _needed(dataset: Any, taken: _Taken, wanted: Part) -> Part:
+    """Of a source. Boxes of equal shapes but for axes of length 1 are read alike."""
+    of, into = taken.of or _Selected(_all_of(dataset), whole=True), taken.into
+    if into is None or not (into.whole and of.whole):
+        return of.box
+    axes, sides = ([n for n, side in enumerate(box) if len(side) > 1] for box in (into.box, of.box))
+    if [len(into.box[n]) for n in axes] != [len(of.box[n]) for n in sides]:
+        return of.box
+    needed = list(of.box)
     for axis, side in zip(axes, sides, strict=True):
-        common, shift = _common(into.box[axis], wanted[axis]), source.box[side].start - into.box[axis].start
+        common, shift = _common(into.box[axis], wanted[axis]), of.box[side].start - into.box[axis].start
         needed[side] = range(common.start + shift, common.stop + shift)
-    return needed
+    return tuple(needed)
 
 
 def _common(one: range, other: range) -> range:

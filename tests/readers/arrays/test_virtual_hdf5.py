@@ -1,13 +1,100 @@
-"""Virtual HDF5 datasets, which take their values from others."""
+"""Virtual HDF5 datasets: how many others one may take its values from, and how often these are looked at."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from support.files.opened import read_whole
+from support.files.opened import described, read_whole
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.protocol.text.errors import BadInput
 
 h5py = pytest.importorskip("h5py")
+
+SHAPE = (8, 8, 8)
+VALUES = np.arange(np.prod(SHAPE), dtype=np.uint16).reshape(SHAPE)
+
+
+def sheets(layout: Any, source: Any) -> None:
+    for n in range(len(VALUES)):
+        layout[n] = source[n]
+
+
+def overlapping(layout: Any, source: Any) -> None:
+    for n in range(len(VALUES)):
+        layout[: 8 - n // 2] = source[: 8 - n // 2]
+
+
+def levels(path: Path, count: int, take: Callable[[Any, Any], None]) -> str:
+    """Each level takes its values from the one below in eight parts, so that 8 ** count ways lead to the last one."""
+    with h5py.File(path, "w", libver="latest") as file:
+        file.create_dataset(f"level{count}", data=VALUES, chunks=(4, 8, 8), compression="gzip")
+        for level in reversed(range(count)):
+            layout = h5py.VirtualLayout(SHAPE, VALUES.dtype)
+            take(layout, h5py.VirtualSource(".", f"level{level + 1}", SHAPE))
+            file.create_virtual_dataset(f"level{level}", layout)
+    return f"{path}#level0"
+
+
+@pytest.mark.parametrize("take", [sheets, overlapping])
+def test_more_ways_than_hdf5_can_go_are_refused(take: Callable[[Any, Any], None], tmp_path: Path) -> None:
+    """It goes them all when it closes the dataset, however little was read."""
+    with pytest.raises(BadInput, match="takes its values from other datasets by more than 100000 ways"):
+        open_volume(levels(tmp_path / "v.h5", 12, take))
+
+
+def test_so_are_those_of_coordinates(tmp_path: Path) -> None:
+    path = tmp_path / "v.h5"
+    with h5py.File(path, "w", libver="latest") as file:
+        file["level12"] = np.arange(8.0)
+        for level in reversed(range(12)):
+            layout = h5py.VirtualLayout((8,), np.float64)
+            sheets(layout, h5py.VirtualSource(".", f"level{level + 1}", (8,)))
+            file.create_virtual_dataset(f"level{level}", layout)
+        file["v"] = VALUES
+        file["level0"].make_scale("x")
+        file["v"].dims[2].attach_scale(file["level0"])
+    with pytest.raises(BadInput, match="by more than 100000 ways"):
+        open_volume(f"{path}#v")
+
+
+def test_a_dataset_that_takes_from_itself_is_refused_though_no_part_does(tmp_path: Path) -> None:
+    """HDF5 reads it, and crashes when it closes what takes its values from that."""
+    with h5py.File(tmp_path / "v.h5", "w", libver="latest") as file:
+        file["half"] = VALUES[:4]
+        layout = h5py.VirtualLayout(SHAPE, VALUES.dtype)
+        layout[:4] = h5py.VirtualSource(".", "half", (4, 8, 8))
+        layout[4:] = h5py.VirtualSource(".", "both", SHAPE)[:4]
+        file.create_virtual_dataset("both", layout)
+        layout = h5py.VirtualLayout(SHAPE, VALUES.dtype)
+        layout[...] = h5py.VirtualSource(".", "both", SHAPE)
+        file.create_virtual_dataset("top", layout)
+    with pytest.raises(BadInput, match="take theirs from others, without end"):
+        open_volume(f"{tmp_path / 'v.h5'}#top")
+
+
+def numbered(path: Path, most: int) -> str:
+    """Sheets in files that are numbered without end, so many by its extent, of which only the first is there."""
+    with h5py.File(path.parent / "0.h5", "w", libver="latest") as file:
+        file["v"] = np.ones((1, 2, 2), np.uint8)
+    endless = h5py.h5s.UNLIMITED
+    creation, sheet = h5py.h5p.create(h5py.h5p.DATASET_CREATE), h5py.h5s.create_simple((1, 2, 2))
+    for first, count, name in ((0, endless, b"%b.h5"), (most - 1, 1, b"0.h5")):
+        space = h5py.h5s.create_simple((most, 2, 2), (endless, 2, 2))
+        space.select_hyperslab((first, 0, 0), (count, 1, 1), (1, 1, 1), (1, 2, 2))
+        creation.set_virtual(space, name, b"v", sheet)
+    with h5py.File(path, "w", libver="latest") as file:
+        extent = h5py.h5s.create_simple((most, 2, 2), (endless, 2, 2))
+        h5py.h5d.create(file.id, b"v", h5py.h5t.NATIVE_UINT8, extent, creation)
+    return str(path)
+
+
+def test_files_numbered_without_end_are_looked_for_only_if_they_are_few(tmp_path: Path) -> None:
+    assert read_whole(numbered(tmp_path / "few.h5", 20))[:, 0, 0].tolist() == [1, *[0] * 18, 1]
+    with pytest.raises(BadInput, match="by more than 100000 ways, numbered"):
+        described(numbered(tmp_path / "many.h5", (1 << 31) - 1))
 
 
 @pytest.mark.parametrize("settings", [{}, {"compression": "gzip"}], ids=["plain", "deflated"])
