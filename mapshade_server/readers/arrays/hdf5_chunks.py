@@ -4,7 +4,7 @@ HDF5 itself unpacks a deflated chunk to wherever it ends, which may be beyond an
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py
-from volsplat.mapshade_server.readers.arrays.hdf5_names import MOST_HOPS
 from volsplat.mapshade_server.readers.arrays.hdf5_sources import Part, sources
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise, inflated
 
@@ -36,20 +35,20 @@ def read_selection(dataset: Any, selection: Selection) -> NDArray[Any]:
     filters = _filters(dataset)
     if DEFLATE in {one.number for one in filters} <= {DEFLATE, SHUFFLE} and _is_stored_plainly(dataset):
         return _unpacked(dataset, selection, filters)
-    _check_bounded(dataset, _ranges(dataset, selection), MOST_HOPS)
+    _check_bounded(dataset, _ranges(dataset, selection))
     values: NDArray[Any] = dataset[tuple(selection)]
     return values
 
 
-def _check_bounded(dataset: Any, wanted: Part, hops: int) -> None:
+def _check_bounded(dataset: Any, wanted: Part) -> None:
     """Raises ValueError, or BadInput, if HDF5 would unpack more than is promised to read this part."""
-    if dataset.is_virtual:
-        if not hops:
-            raise ValueError("it takes its values from virtual datasets that take theirs from others, without end")
-        for source, part in sources(dataset, wanted):
-            check_chunks(source.file.filename, source)
-            _check_bounded(source, part, hops - 1)
-        return
+    for one, parts in sources(dataset, wanted) if dataset.is_virtual else [(dataset, [wanted])]:
+        check_chunks(one.file.filename, one)
+        _check_unpacked(one, parts)
+
+
+def _check_unpacked(dataset: Any, parts: Collection[Part]) -> None:
+    """Raises ValueError for chunks with values of these parts that unpack to more than is promised, or to any size."""
     filters = _filters(dataset)
     numbers = [one.number for one in filters]
     if DEFLATE not in numbers:
@@ -60,7 +59,8 @@ def _check_bounded(dataset: Any, wanted: Part, hops: int) -> None:
             f"it is deflated and then packed by filter {min(unknown)}, so that nothing bounds it; use h5repack"
         )
     chunks = _PackedChunks(dataset)
-    for offsets in _touched(dataset, wanted):  # to be unpacked once more by HDF5, through all of its filters
+    touched = dict.fromkeys(offsets for part in parts for offsets in _touched(dataset, part))
+    for offsets in touched:  # to be unpacked once more by HDF5, through all of its filters
         if (found := chunks.at(offsets)) is not None:
             _through(*found, filters, deflated, _most(dataset))
 

@@ -1,8 +1,8 @@
 """The datasets that a virtual one takes its values from, which part of each a selection needs, and in which files."""
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,14 +39,26 @@ class _Taken(NamedTuple):
     into: _Selected | None  # itself; None if that has no end
 
 
-def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Part]]:
-    """Each, open until the next one is asked for, with what is needed of it, or more if that cannot be told.
+def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Collection[Part]]]:
+    """The datasets that a part of a virtual one comes from in the end, each open until the next one is asked for.
 
-    Those that are not there are left out: HDF5 gives its fill value instead.
+    With what is needed of it, or more if that cannot be told. Those that are not there are left out: HDF5 gives its
+    fill value instead.
     """
-    for source, taken in _named(dataset, wanted):
-        for one in _opened(source, []):
-            yield one, _needed(one, taken, wanted)
+    level = _asked(dataset, [wanted])
+    for _ in range(MOST_HOPS):
+        onward = defaultdict[_Source, set[tuple[_Taken, Part]]](set)
+        for source, asked in level.items():
+            for one in _opened(source, []):
+                parts = {_needed(one, *each) for each in asked}
+                if not one.is_virtual:
+                    yield one, parts
+                    continue
+                for further, each in _asked(one, parts).items():
+                    onward[further] |= each
+        level = onward
+    if level:
+        raise _endless(dataset.file.filename)
 
 
 def value_files(path: Path, name: str) -> list[Path]:
@@ -86,6 +98,15 @@ def _too_many(file: object) -> BadInput:
 def _own_files(dataset: Any) -> list[Path]:
     own = Path(dataset.file.filename)
     return [own, *(place for name, _, _ in dataset.external or () if (place := found_beside(own, name)))]
+
+
+def _asked(dataset: Any, parts: Iterable[Part]) -> Mapping[_Source, set[tuple[_Taken, Part]]]:
+    """Of each source that parts of a virtual dataset may need, what is taken for which part."""
+    asked = defaultdict[_Source, set[tuple[_Taken, Part]]](set)
+    for part in parts:
+        for source, taken in _named(dataset, part):
+            asked[source].add((taken, part))
+    return asked
 
 
 def _named(dataset: Any, wanted: Part) -> Iterator[tuple[_Source, _Taken]]:

@@ -1,6 +1,7 @@
 """Virtual HDF5 datasets: how many others one may take its values from, and how often these are looked at."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,31 @@ def levels(path: Path, count: int, take: Callable[[Any, Any], None]) -> str:
             take(layout, h5py.VirtualSource(".", f"level{level + 1}", SHAPE))
             file.create_virtual_dataset(f"level{level}", layout)
     return f"{path}#level0"
+
+
+@contextmanager
+def counted_files(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Path]]:
+    """Those that are opened meanwhile, as often as they are."""
+    opened, real = list[Path](), h5py.File
+
+    def counting(place: Path, *settings: Any, **more: Any) -> Any:
+        opened.append(place)
+        return real(place, *settings, **more)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(h5py, "File", counting)
+        yield opened
+
+
+@pytest.mark.parametrize("take", [sheets, overlapping])
+def test_by_however_many_ways_values_come_they_are_looked_at_once(
+    take: Callable[[Any, Any], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = open_volume(levels(tmp_path / "v.h5", 5, take))
+    with counted_files(monkeypatch) as opened:
+        values = volume.read(volume.describe().geometry.box)
+    assert np.array_equal(values, VALUES)
+    assert len(opened) <= 6  # one for each level
 
 
 @pytest.mark.parametrize("take", [sheets, overlapping])
