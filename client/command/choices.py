@@ -16,9 +16,9 @@ class Words(click.Choice[str]):
     def __init__(self, words: Iterable[str]) -> None:
         super().__init__([str(word) for word in words], case_sensitive=False)
 
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
         """The words as they are written everywhere else; click would list them in small letters."""
-        return f"[{'|'.join(self.choices)}]"
+        return click.Choice(self.choices).get_metavar(param, ctx)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:

@@ -10,11 +10,13 @@ import click
 import pytest
 
 from volsplat.bench.commands.command import SUMMARIES, bench
+from volsplat.client.command.choices import Words
 from volsplat.client.command.commands import ENTRIES, reading_modules, starts_servers, volsplat
 from volsplat.client.command.deploy_command import deploy
 from volsplat.client.command.help_page import OTHERS, HelpedCommand
 from volsplat.mapshade_server.command import mapshade_server
 from volsplat.mapshade_server.prepare.command import prepare_command
+from volsplat.protocol.description.scene import Step
 from volsplat.splat_server.command import splat_server
 
 HELPED = [
@@ -107,6 +109,16 @@ def completed(typed: str) -> list[str]:
 )
 def test_steps_are_listed_by_their_letters(name: str, steps: str) -> None:
     assert f"--step {steps}" in command(name).get_help(click.Context(command(name)))
+
+
+def test_words_are_listed_as_click_lists_choices() -> None:
+    shown, hidden = (
+        click.Option(["--step"], type=Words(Step)),
+        click.Option(["--it"], type=Words("AB"), show_choices=False),
+    )
+    needed = click.Argument(["step"], type=Words(["A", "b"]))
+    told = [one.make_metavar(click.Context(click.Command("draw"))) for one in (shown, hidden, needed)]
+    assert told == ["[A|B|C|D|E|F|G]", "[TEXT]", "{A|b}"]
 
 
 def test_a_shell_completes_commands_presets_and_files() -> None:
