@@ -11,6 +11,7 @@ from volsplat.mapshade_server.readers.reading.parts import PartNeeded, numbered
 from volsplat.protocol.text.errors import BadInput
 
 MOST_LISTED = 12
+MOST_DIGITS = 20  # of a number; Python refuses to read endless ones
 
 
 class PartOptions(NamedTuple):
@@ -35,8 +36,7 @@ def part_options(part: str, keys: Collection[str]) -> PartOptions:
 
 def index_in(path: Path, said: str, count: int, what: str) -> int:
     """The number from 0 to `count` - 1 that a person said of `what`: frames, channels. Raises BadInput for others."""
-    written = said.isdecimal() and len(said) <= len(str(count))  # Python refuses to read endless digits
-    if written and str(int(said)) == said and int(said) < count:
+    if said.isdecimal() and len(said) <= MOST_DIGITS and int(said) < count:
         return int(said)
     numbers = f"are numbered 0 to {count - 1}" if count > 1 else "have one number, 0"
     raise BadInput(f"{path}: its {what} {numbers}; “{said}” is none of them")
