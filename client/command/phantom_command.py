@@ -37,7 +37,7 @@ NRRD is written while it is made, in little memory, whatever the size.
 @click.argument("name", metavar="NAME", type=Words(sorted(PHANTOMS)))
 @output_option(".nrrd, .nhdr, .mha, .mhd, .nii…")
 @click.option("--size", metavar="N|IxJxK", help="Voxels along each axis, as 256 or 48x64x56.")
-@click.option("--spacing", metavar="I,J,K", help="Lengths between voxels: mm of the head, Å of molecules.")
+@click.option("--spacing", metavar="I,J,K", help="Distances between voxels, in the phantom's own unit.")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
     check_voxels_apart(output)
