@@ -17,7 +17,7 @@ from volsplat.client.scene.table_makers import scalars
 from volsplat.protocol.description.scene import Quantise, Scene
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 
-SIDE = 240  # pixels of a picture
+SIDE = 320  # pixels of a picture
 ZOOMS = (2.0, 6.0)
 JPEG_QUALITY = 80
 
