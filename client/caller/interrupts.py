@@ -12,6 +12,12 @@ ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LONGEST_IMPORT_SECONDS = 1.0  # that a person who wants the program to end may have to wait
 
 _at_abrupt_end: list[Callable[[], None]] = []
+_of_a_command = threading.Event()
+
+
+def process_is_a_commands() -> None:
+    """It may be ended at once, which would take from a script, or a notebook, all that it has computed."""
+    _of_a_command.set()
 
 
 def at_abrupt_end(act: Callable[[], None]) -> None:
@@ -24,8 +30,8 @@ def interrupts_held(on_signal: Callable[[], None] | None = None) -> Iterator[Non
     """Ctrl-C and its like within wait for the end of the block, and are raised there.
 
     Without `on_signal` the block imports large libraries: what a module catches while it loads can be a
-    KeyboardInterrupt. If that goes on for LONGEST_IMPORT_SECONDS the process ends at once; its servers notice.
-    With it, it is called when a signal comes, and sees to it that the block ends.
+    KeyboardInterrupt. If that goes on for LONGEST_IMPORT_SECONDS a command's process ends at once; its servers notice.
+    With it, it is called when a signal comes, and the block ends soon.
     """
     before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
     held = {number: handler for number, handler in before.items() if callable(handler)}
@@ -39,7 +45,7 @@ def interrupts_held(on_signal: Callable[[], None] | None = None) -> Iterator[Non
         came.append((number, frame))
         if on_signal is not None:
             on_signal()
-        elif len(came) == 1:
+        elif len(came) == 1 and _of_a_command.is_set():
             threading.Thread(target=_end_unless, args=(ended, number), name="end", daemon=True).start()
 
     for number in held:

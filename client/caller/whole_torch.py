@@ -10,5 +10,5 @@ def load_torch(purpose: str) -> None:
     Ctrl-C meanwhile waits for that: half loaded it cannot be loaded again, for as long as the process lives.
     """
     need("torch", purpose, "torch")
-    with interrupts_held(on_signal=lambda: None):
+    with interrupts_held():
         import torch  # noqa: F401

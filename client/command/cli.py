@@ -30,6 +30,7 @@ def _status() -> int:
     """Of the sub-command, once it has ended in whatever way, with its cause printed."""
     import click
 
+    from volsplat.client.caller.interrupts import process_is_a_commands
     from volsplat.client.command.commands import reading_modules, starts_servers, volsplat
     from volsplat.deploy.forked_servers import begin_ahead
     from volsplat.program.system_failures import system_failure
@@ -39,6 +40,7 @@ def _status() -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     if not sys.warnoptions:  # what libraries say to programmers is not for whoever uses the command
         warnings.simplefilter("ignore")
+    process_is_a_commands()
     try:
         _listen_to_signals()
         if COMPLETION not in os.environ and starts_servers(sys.argv[1:]):

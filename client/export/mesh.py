@@ -59,7 +59,7 @@ def write_mesh(
     Without one it is where the table of opacities rises through half of its greatest rise.
     """
     need_mesh()
-    with interrupts_held(on_signal=lambda: None):  # what these catch while they load can be a KeyboardInterrupt
+    with interrupts_held():  # what these catch while they load can be a KeyboardInterrupt
         import skimage.measure  # noqa: F401
         import trimesh  # noqa: F401
 

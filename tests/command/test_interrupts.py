@@ -6,6 +6,7 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from support.patience import PATIENCE, wait_until
@@ -66,7 +67,8 @@ def test_an_interrupt_outlives_an_error_within() -> None:
 
 ENDS_AT_ONCE = """
 import signal, time
-from volsplat.client.caller.interrupts import at_abrupt_end, interrupts_held
+from volsplat.client.caller.interrupts import at_abrupt_end, interrupts_held, process_is_a_commands
+process_is_a_commands()
 at_abrupt_end(lambda: print("tidied", flush=True))
 with interrupts_held():
     signal.raise_signal(signal.SIGINT)
@@ -78,6 +80,41 @@ with interrupts_held():
 def test_who_ends_at_once_tidies_first() -> None:
     done = subprocess.run([sys.executable, "-c", ENDS_AT_ONCE], capture_output=True, encoding="utf-8", timeout=PATIENCE)
     assert (done.returncode, done.stdout) == (130, "tidied\n")
+
+
+GOES_ON = """
+import signal, time
+from volsplat.client.caller import interrupts
+try:
+    with interrupts.interrupts_held():
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(1.5 * interrupts.LONGEST_IMPORT_SECONDS)
+except KeyboardInterrupt:
+    print("what was computed is still there")
+"""
+
+
+def test_a_script_is_interrupted_at_the_end_of_an_import_however_long() -> None:
+    done = subprocess.run([sys.executable, "-c", GOES_ON], capture_output=True, encoding="utf-8", timeout=PATIENCE)
+    assert (done.returncode, done.stdout) == (0, "what was computed is still there\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_export_ends_while_a_library_loads_for_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    loading = tmp_path / "loading"
+    endless = f"import pathlib, time\npathlib.Path({str(loading)!r}).touch()\ntime.sleep({2 * PATIENCE})\n"
+    (modules / "skimage.py").write_text(endless)
+    monkeypatch.setenv("PYTHONPATH", str(modules))
+    np.save(tmp_path / "cube.npy", np.pad(np.full((2, 2, 2), 255, np.uint8), 2))
+    command = Person(tmp_path).starts("export", "cube.npy", "-o", "cube.stl", "--level", "128")
+    wait_until(lambda: loading.exists() or command.poll() is not None, "does it load")
+    command.send_signal(number)
+    _, said = command.communicate(timeout=PATIENCE)
+    assert command.returncode == 128 + number, said
 
 
 def test_a_command_that_becomes_a_program_is_interrupted_in_a_line(tmp_path: Path) -> None:
