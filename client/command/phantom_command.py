@@ -29,7 +29,8 @@ HELP = f"""Make the volume NAME and write it to a file.
 
 NAME is one of {", ".join(sorted(PHANTOMS))}.
 
-NRRD is written while it is made, in little memory, whatever the size.
+NRRD (.nrrd, .nhdr) is written while it is made, in little memory, whatever the size, and states what values and axes
+are. Other formats take lengths for mm, and axes for a patient's.
 """
 
 

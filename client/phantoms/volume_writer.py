@@ -1,4 +1,4 @@
-"""Writes volumes, whole or not at all: NRRD some sheets at a time, all other formats through SimpleITK."""
+"""Writes volumes, whole or not at all: NRRD some sheets at a time, other formats through SimpleITK."""
 
 import importlib
 import os
@@ -32,7 +32,7 @@ COMPRESSED = {
     ".tif": True,
     ".tiff": True,
 }
-NRRD = ".nrrd"
+NRRD = (".nrrd", ".nhdr")
 HEADERS = (".nhdr", ".mhd")  # whose voxels lie beside them
 PATIENT = ("space: left-posterior-superior",)
 TRIED_BYTES = 1 << 16  # more than a disk has left that has just filled up, but for what compression holds back
@@ -115,7 +115,7 @@ def _write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
         raise BadInput(f"{path}: {extension} would lose the volume's shear; write .nrrd or .mha")
     if extension in PAGED and geometry.dims[2] == 1:
         raise BadInput(f"{path}: {extension} of one slice would be read as an image; write .nrrd or .mha")
-    if extension == NRRD:
+    if extension in NRRD:
         _write_nrrd(path, [values], values.dtype, geometry)
         return
     # Here, since whoever writes no volume should not wait for this import.
@@ -135,9 +135,12 @@ def _write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
 
 
 def write_phantom(path: Path, phantom: Phantom) -> None:
-    """As `write_volume`; NRRD some sheets at a time, with what values and axes are, which no other format states."""
+    """As `write_volume`; NRRD some sheets at a time, with what values and axes are.
+
+    All others get neither: their readers take lengths for mm, and axes for a patient's.
+    """
     path = written_at(path)
-    if extension_of(path) == NRRD:
+    if extension_of(path) in NRRD:
         pairs = stated(phantom.kind, phantom.bands)
         _write_nrrd(path, phantom.sheets, phantom.dtype, phantom.geometry, _space_of(phantom), pairs)
     else:
@@ -162,8 +165,13 @@ def _write_nrrd(
 
     `space` has the lines that name the physical axes; `pairs` are keys and values for the header, each of one line.
     """
-    with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
-        file.write(_nrrd_header(path, dtype, geometry, space, pairs))
+    header, apart = _nrrd_header(path, dtype, geometry, space, pairs), extension_of(path) in HEADERS
+    voxels = path.with_suffix(".raw").name if apart else path.name
+    with _appearing_whole(path) as folder, (folder / voxels).open("wb") as file:
+        if apart:
+            (folder / path.name).write_bytes(header + f"data file: {voxels}\n".encode())
+        else:
+            file.write(header + b"\n")
         for some in sheets:
             file.write(some.contiguous().numpy().data)
 
@@ -187,7 +195,7 @@ def _nrrd_header(
         f"space origin: {_nrrd_vector(geometry.origin)}",
         *(f"{key}:={value}" for key, value in pairs.items()),
     )
-    return "\n".join((*lines, "", "")).encode()
+    return "\n".join((*lines, "")).encode()
 
 
 def _ends_as_gzip_of(path: Path, size: int) -> bool:

@@ -110,9 +110,15 @@ with little_memory(int(sys.argv[2])):
 def test_lengths_of_phantoms_have_their_unit_and_only_the_head_is_a_patient_s(tmp_path: Path) -> None:
     units = {"head": "mm", "rna": "Å", "protein": "Å", "p-orbital": "Å", "structure-factors": "1/Å"}
     for name in PHANTOMS:
-        write_phantom(tmp_path / f"{name}.nrrd", streamed_phantom(name, (8, 8, 8)))
-        told = open_volume(str(tmp_path / f"{name}.nrrd")).describe()
-        assert (told.unit, told.anatomical) == (units.get(name, ""), name == "head"), name
+        made = streamed_phantom(name, (8, 8, 8))
+        values = make_phantom(name, (8, 8, 8))[0].numpy()
+        for extension in (".nrrd", ".nhdr"):
+            write_phantom(tmp_path / f"{name}{extension}", streamed_phantom(name, (8, 8, 8)))
+            reader = open_volume(str(tmp_path / f"{name}{extension}"))
+            told = reader.describe()
+            assert (told.unit, told.anatomical) == (units.get(name, ""), name == "head"), name
+            assert (told.kind, told.bands) == (made.kind, made.bands), name
+            assert (reader.read(told.geometry.box) == values).all(), name
 
 
 @pytest.mark.parametrize(("text", "size"), [("64", (64, 64, 64)), ("5x6x7", (5, 6, 7))])
