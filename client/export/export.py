@@ -11,7 +11,9 @@ from volsplat.client.export.mesh import need_mesh, write_mesh
 from volsplat.client.export.view_light import Light
 from volsplat.client.image.image_formats import check_place
 from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 CLOUD = ".ply"
@@ -47,9 +49,19 @@ def write_export(
     if path.suffix.lower() == CLOUD:
         count = write_gaussians(single, scene, path, every, light or "viewer", on_progress)
         return f"{count} Gaussians{_place_note(path, single)}"
+    check_has_surface(single.volume.description)
     written = write_mesh(single, scene, path, level, every, on_progress)
     unit = f" {single.volume.description.value_unit}".rstrip()
     return f"{written.triangles} triangles at {written.level:.6g}{unit}{_place_note(path, single)}"
+
+
+def check_has_surface(told: VolumeDescription) -> None:
+    """Raises BadInput if no value lies between those of the voxels. Labels have the outline of what is labelled."""
+    if told.kind is Kind.ELEMENTS:
+        raise BadInput(
+            f"a mesh is where values pass a level, but {told.name} holds elements, no more or less than others; export "
+            "Gaussians (.ply), or #density of atoms in a file"
+        )
 
 
 def _place_note(path: Path, single: SingleProcess) -> str:

@@ -170,6 +170,19 @@ def test_a_mesh_of_nanometres_in_metres_keeps_its_shape(tmp_path: Path) -> None:
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-4)
 
 
+def test_elements_have_no_surface_but_their_density_has_one(tmp_path: Path) -> None:
+    (tmp_path / "two.pdb").write_text(
+        "ATOM      1  CA  GLY A   1       1.000   2.000   3.000  1.00 10.00           C\n"
+        "ATOM      2  N   GLY A   1       2.400   2.000   3.000  1.00 10.00           N\nEND\n"
+    )
+    refusal = r"two\.pdb holds elements, .*export Gaussians \(\.ply\), or #density of atoms in a file"
+    for level in (None, 0.83):
+        with pytest.raises(BadInput, match=refusal):
+            vs.export(str(tmp_path / "two.pdb"), str(tmp_path / "two.stl"), level=level)
+    assert vs.export(str(tmp_path / "two.pdb#density"), str(tmp_path / "two.stl")).split()[1] == "triangles"
+    vs.export(str(tmp_path / "two.pdb"), str(tmp_path / "two.ply"))
+
+
 def test_colours_of_a_glb_are_linear(tmp_path: Path) -> None:
     import trimesh
 
