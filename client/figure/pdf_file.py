@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from volsplat.client.figure.drawing import Anchor, Area, Box, Drawing, Line, Ramp, Shape, Words
 from volsplat.client.figure.figure import POINTS_PER_INCH
 from volsplat.client.figure.type_faces import Run, runs_of
+from volsplat.client.image.image_file import SCENE_KEY
 from volsplat.client.image.image_formats import need_pdf
 from volsplat.client.image.lettering import BOLD_FONT
 from volsplat.protocol.description.scene import Colour
 
 HALO = 0.24  # of the words' size: the stroke behind them
 STROKE, FILL = 1, 0  # how reportlab renders text
-SCENE_KEY = "volsplat:scene"  # as images have it
 
 
 def pdf_bytes(drawing: Drawing, picture: NDArray[np.uint8], title: str, scene: str) -> bytes:
@@ -28,7 +28,7 @@ def pdf_bytes(drawing: Drawing, picture: NDArray[np.uint8], title: str, scene: s
     need_pdf()
     import PIL.Image
     from reportlab.lib.utils import ImageReader
-    from reportlab.pdfbase.pdfdoc import PDFDictionary, PDFString
+    from reportlab.pdfbase.pdfdoc import PDFDictionary, PDFInfo, PDFString
     from reportlab.pdfgen.canvas import Canvas
 
     per_pixel = POINTS_PER_INCH / drawing.dpi
@@ -36,7 +36,14 @@ def pdf_bytes(drawing: Drawing, picture: NDArray[np.uint8], title: str, scene: s
     size = (drawing.width * per_pixel, drawing.height * per_pixel)
     canvas = Canvas(file, pagesize=size, invariant=1, pageCompression=1)
     told = {"Title": title, "Creator": "volsplat", SCENE_KEY: scene}
-    canvas._doc.info.format = PDFDictionary({key: PDFString(text) for key, text in told.items()}).format  # any keys
+
+    class Info(PDFInfo):  # type: ignore[misc]
+        """With keys of our own, which reportlab has no call for."""
+
+        def format(self, document: Any) -> Any:
+            return PDFDictionary({key: PDFString(text) for key, text in told.items()}).format(document)
+
+    canvas._doc.info = Info()
     canvas.scale(per_pixel, per_pixel)
     if drawing.background is not None:
         canvas.setFillColorRGB(*drawing.background)

@@ -35,6 +35,7 @@ JPEG_QUALITY = 95
 Coding = Callable[[NDArray[Any], Colour | None], NDArray[Any]]
 
 _PREFIX = "volsplat:"
+SCENE_KEY = f"{_PREFIX}scene"  # by which other programs find it
 _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
 _PACKED = "zlib,base64:"
 _BLOCK_PIXELS = 1 << 20  # converted at a time, so that a large image is not held twice
