@@ -65,7 +65,7 @@ before = psutil.Process().memory_info().rss
 (walker,) = FrameWalk([solid], drawing).walkers
 while walker.next_batch() is not None:
     pass
-print(bytes_to_walk_slabs([geometry.box]), psutil.Process().memory_info().rss - before)
+print(bytes_to_walk_slabs(geometry.box, geometry.box.voxels), psutil.Process().memory_info().rss - before)
 """
 
 
@@ -86,6 +86,15 @@ def test_what_is_reckoned_of_a_vector_is_what_is_taken(tmp_path: Path, suffix: s
     vectors = np.zeros((SIDE, SIDE, SIDE, 1, 3), np.float32)
     vectors[::8] = np.random.default_rng(1).random((SIDE, SIDE, 1, 3)) * 100
     nibabel.save(nibabel.Nifti1Image(vectors, np.eye(4)), str(path))
+    check_reckoned(PEAK, str(path))
+
+
+@pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
+def test_what_is_reckoned_of_scaled_values_is_what_is_taken(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"v{suffix}"
+    scaled = nibabel.Nifti1Image(np.load(stored(tmp_path, "int16")), np.eye(4))
+    scaled.header.set_slope_inter(0.25, -3)
+    nibabel.save(scaled, str(path))
     check_reckoned(PEAK, str(path))
 
 

@@ -5,7 +5,6 @@ without a word. The sform counts if its code is set and it spans space, else the
 """
 
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,9 @@ from volsplat.mapshade_server.readers.medicine.modality import kind_beside
 from volsplat.mapshade_server.readers.medicine.nifti_header import INTENT_STATISTICS, NiftiHeader, nifti_header
 from volsplat.mapshade_server.readers.reading.grids import checked_geometry, geometry
 from volsplat.mapshade_server.readers.reading.stored_voxels import StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, VolumeFormat, by_sheets
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 
@@ -79,12 +78,12 @@ def open_nifti(path: Path, part: str) -> OpenedVolume:
         **voxels.access,
     )
 
-    def numbers(one: StoredVoxels, box: Box) -> Voxels:
+    def numbers(one: StoredVoxels) -> ReadBox:
         if not scaled:
-            return one.read(box)
-        return (one.read(box).astype(np.float64) * slope + intercept).astype(scaled_type)
+            return one.read
+        return by_sheets(path, scaled_type, lambda box: one.read(box).astype(np.float64) * slope + intercept)
 
-    read = component.of_separate(path, number_type, [partial(numbers, one) for one in stored])
+    read = component.of_separate(path, number_type, [numbers(one) for one in stored])
     return OpenedVolume(description, read, voxels.files, parts=parts)
 
 

@@ -5,7 +5,7 @@ if nobody chooses. More are numbered from 0, and one must be chosen. Three or fo
 have them.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame, listed
 from volsplat.mapshade_server.readers.reading.parts import Part, PartNeeded
-from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, voxel_room
+from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, by_sheets
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
@@ -65,26 +65,14 @@ class Component:
             numbers = every(Box((i0 * self.count, j0, k0), (i1 * self.count, j1, k1)))
             return (numbers[..., n :: self.count] for n in self.taken)
 
-        return self._by_sheets(path, stored, taken)
+        return by_sheets(path, self.scalar_type(stored), lambda box: self.of(taken(box), stored))
 
     def of_separate(self, path: Path, stored: str, each: Sequence[ReadBox]) -> ReadBox:
         """Reads what is drawn if each component lies apart, as `each` of those that are `taken` reads it."""
         if self.number is not None:
             (only,) = each
             return only
-        return self._by_sheets(path, stored, lambda box: (read(box) for read in each))
-
-    def _by_sheets(self, path: Path, stored: str, taken: Callable[[Box], Iterable[Voxels]]) -> ReadBox:
-        """Reads what is drawn of the components that are `taken`, which bounds what is read beside it."""
-
-        def read(box: Box) -> Voxels:
-            (i0, j0, k0), (i1, j1, _) = box
-            voxels = voxel_room(box, self.scalar_type(stored), path)
-            for k, sheet in enumerate(voxels, k0):
-                sheet[...] = self.of(taken(Box((i0, j0, k), (i1, j1, k + 1))), stored)[0]
-            return voxels
-
-        return read
+        return by_sheets(path, self.scalar_type(stored), lambda box: self.of((read(box) for read in each), stored))
 
 
 def are_colours(count: int, scalar_type: str) -> bool:

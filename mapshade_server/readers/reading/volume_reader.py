@@ -98,6 +98,19 @@ def boxes_of(whole: Callable[[], Voxels]) -> ReadBox:
     return lambda box: kept()[box.slices()].copy()
 
 
+def by_sheets(source: object, scalar_type: str, read: ReadBox) -> ReadBox:
+    """Reads boxes of this type as `read` has their voxels, sheet by sheet, which bounds what it needs beside them."""
+
+    def sheets(box: Box) -> Voxels:
+        (i0, j0, k0), (i1, j1, _) = box
+        voxels = voxel_room(box, scalar_type, source)
+        for k, sheet in enumerate(voxels, k0):
+            sheet[...] = read(Box((i0, j0, k), (i1, j1, k + 1)))[0]
+        return voxels
+
+    return sheets
+
+
 def voxel_room(box: Box, dtype: DTypeLike, source: object) -> Voxels:
     """Room for the voxels of `box`, shaped (k, j, i). Raises BadInput, naming the `source`, if there is too little."""
     try:
