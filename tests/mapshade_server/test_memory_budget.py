@@ -65,7 +65,7 @@ before = psutil.Process().memory_info().rss
 (walker,) = FrameWalk([solid], drawing).walkers
 while walker.next_batch() is not None:
     pass
-print(bytes_to_walk_slabs(geometry.box, geometry.box.voxels), psutil.Process().memory_info().rss - before)
+print(bytes_to_walk_slabs([geometry.box]), psutil.Process().memory_info().rss - before)
 """
 
 
