@@ -21,6 +21,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FailSession,
     FrameAsked,
     GiveAnswer,
+    HearingFailed,
     Instruction,
     MessageReceived,
     NobodyJoined,
@@ -294,6 +295,10 @@ class Coordinator:
         if self._some_are_left() or not any(server.lost for server in self.servers.states.values()):
             return []
         return self._fail(PeerLost(event.cause))
+
+    @takes(HearingFailed)
+    def _hearing_failed(self, event: HearingFailed) -> list[Instruction]:
+        return self._fail(VolsplatError(event.cause))
 
     def _some_are_left(self) -> bool:
         """Of both kinds: they can draw by themselves."""

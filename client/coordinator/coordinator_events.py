@@ -85,6 +85,13 @@ class NobodyJoined:
 
 
 @dataclass(frozen=True)
+class HearingFailed:
+    """By an error of the client's own, nobody hears a server any more; another one would be heard as little."""
+
+    cause: str
+
+
+@dataclass(frozen=True)
 class MessageReceived:
     server: int
     message: messages.Message
@@ -187,6 +194,7 @@ Event = (
     | ServerProcessEnded
     | ServersMissing
     | NobodyJoined
+    | HearingFailed
     | MessageReceived
     | VolumeAsked
     | FrameAsked

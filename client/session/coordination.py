@@ -143,9 +143,10 @@ class Coordination:
                     if not self._has_left:  # `on_progress` or `on_loss` may have ended it
                         self._carry_out(self._traced(instruction, began), links)
         except Exception as error:  # an internal error: whoever waits must hear of it
-            log.exception("the session cannot go on")
             self.fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
-        self._take_leave(links)
+            log.exception("the session cannot go on")  # which can fail as well
+        finally:
+            self._take_leave(links)
 
     def _take_leave(self, links: ServerLinks) -> None:
         if not self._has_left:

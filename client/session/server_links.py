@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from volsplat.client.coordinator.coordinator_events import (
     Event,
+    HearingFailed,
     MessageReceived,
     NobodyJoined,
     ServerJoined,
@@ -226,11 +227,14 @@ class ServerLinks:
         try:
             self._take_in(connection, outgoing, by_hand)
             cause = self._heard_until_lost(connection, heard)
+            self._let_go(peer, outgoing, cause)
         except Exception as error:  # in our own code, or in what a script has us call: nobody may wait for this server
-            log.exception("%s is heard no more", peer)
+            self._local.let_end()
+            told = f"{peer} is heard no more"
+            self._on_event(HearingFailed(f"the session cannot go on: {told}: {type(error).__name__}: {error}"))
             connection.close()
-            cause = f"{peer} is heard no more: {type(error).__name__}: {error}"
-        self._let_go(peer, outgoing, cause)
+            log.exception("%s", told)  # which can fail as well
+            return
         if by_hand and not self._closing:
             self._wait_for_another(peer, cause)
 
