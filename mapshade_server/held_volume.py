@@ -19,6 +19,7 @@ from volsplat.mapshade_server.answers.volume_answers import (
     store_described,
 )
 from volsplat.mapshade_server.answers.voxel_answers import OfVoxels
+from volsplat.mapshade_server.frames.slab_bound import most_needed
 from volsplat.mapshade_server.held.kept_packets import packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
 from volsplat.mapshade_server.held.memory_budget import (
@@ -51,7 +52,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import BadInput, NoRoom
 
 NO_PAYLOAD = memoryview(b"")
 ALL_THAT_IS_LEFT = MemoryBudget()
@@ -135,18 +136,31 @@ class HeldVolume:
     @contextmanager
     def room_to_walk(self, drawing: Drawing, sub_cubes: Sequence[SubCube]) -> Iterator[None]:
         """While a frame of these is walked. Raises NoRoom if there is none for the voxels that step G keeps of them."""
-        new = [cube.box for cube in sub_cubes if not cube.walked_for_slabs]
-        if drawing.plan.slabs is None or not new:
+        if (slabs := drawing.plan.slabs) is None:
             yield
             return
-        kept = bytes_to_walk_slabs(cube.box for cube in sub_cubes if cube.walked_for_slabs)
-        lists = sum(int(LIST_BYTES * cube.box.voxels) for cube in sub_cubes)
-        budget = replace(self._budget, limit=None) if self._of.store else self._budget
-        budget.take(bytes_to_walk_slabs(new), self.packed_bytes + lists + kept, let_go=0, use=NEEDED)
+        most = [cube.box.voxels for cube in sub_cubes]
+        try:
+            room = self._taken_for_slabs(sub_cubes, most)
+        except NoRoom:  # for a solid; to know better, all packets are looked at once
+            most = [most_needed(cube.block_densities, cube.box, drawing, slabs) for cube in sub_cubes]
+            room = self._taken_for_slabs(sub_cubes, most)
         try:
             yield
         finally:
-            budget.taken()
+            self._budget.taken()
+        for cube, bytes_ in zip(sub_cubes, room, strict=True):
+            cube.slab_room = max(cube.slab_room, bytes_)
+
+    def _taken_for_slabs(self, sub_cubes: Sequence[SubCube], most: Sequence[int]) -> list[int]:
+        """The room of each sub-cube of which so many voxels may be needed. Raises NoRoom."""
+        room = [bytes_to_walk_slabs(cube.box, needed) for cube, needed in zip(sub_cubes, most, strict=True)]
+        new = sum(max(bytes_ - cube.slab_room, 0) for cube, bytes_ in zip(sub_cubes, room, strict=True))
+        if new:
+            held = self.packed_bytes + sum(int(LIST_BYTES * cube.box.voxels) + cube.slab_room for cube in sub_cubes)
+            budget = replace(self._budget, limit=None) if self._of.store else self._budget
+            budget.take(new, held, let_go=0, use=NEEDED)
+        return room
 
     def check(self, assignment: int, what: str) -> None:
         """Raises BadInput unless `what` can be made from what is held."""

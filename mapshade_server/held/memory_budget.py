@@ -79,9 +79,9 @@ def bytes_to_change(description: VolumeDescription, boxes: Iterable[Box], held: 
     return VOXEL_PACKET_BYTES * sum(box.voxels for box in new) + max(reading, lists)
 
 
-def bytes_to_walk_slabs(boxes: Iterable[Box]) -> int:
-    """Likewise, beside what `bytes_to_read` counts, if all voxels are needed, in rows along whichever axis."""
-    return sum(NEEDED_BYTES * box.voxels + NEEDED_ROW_BYTES * box.voxels // min(box.size) for box in boxes)
+def bytes_to_walk_slabs(box: Box, needed: int) -> int:
+    """Likewise, beside what `bytes_to_read` counts, if so many voxels are needed, in rows along whichever axis."""
+    return NEEDED_BYTES * needed + NEEDED_ROW_BYTES * box.voxels // min(box.size)
 
 
 def bytes_to_lend(description: VolumeDescription) -> int:

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.held.block_densities import BlockDensities, block_densities
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
@@ -49,6 +51,7 @@ class SubCube:
         self._packets: _kernels.Array | None = None
         self._classified_rows = _kernels.ClassifiedRows(box.size, LISTS_PER_PACKET)
         self._needed_voxels: _kernels.NeededVoxels | None = None
+        self.slab_room = 0  # bytes that there was room for when slabs were walked, to keep needed voxels in
 
     @classmethod
     def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
@@ -137,17 +140,18 @@ class SubCube:
         )
         self._source = self._second = None
         self._classified_rows = _kernels.ClassifiedRows(self.box.size, LISTS_PER_PACKET)
-        self._needed_voxels = None
+        self._needed_voxels, self.slab_room = None, 0
+        self.__dict__.pop("block_densities", None)
 
     @property
     def classified_rows(self) -> _kernels.ClassifiedRows:
         """What a walk keeps for the next one: which voxels of each row can be seen."""
         return self._classified_rows
 
-    @property
-    def walked_for_slabs(self) -> bool:
-        """Whether a walk of slabs has begun to keep its voxels."""
-        return self._needed_voxels is not None
+    @cached_property
+    def block_densities(self) -> BlockDensities:
+        """Between which densities its blocks' voxels lie."""
+        return block_densities(np.asarray(memoryview(self.packets)))
 
     @property
     def needed_voxels(self) -> _kernels.NeededVoxels:

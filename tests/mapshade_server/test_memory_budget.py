@@ -17,7 +17,7 @@ from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.protocol.description.scene import Image, Step
+from volsplat.protocol.description.scene import Image, ScalarTable, Step
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput
@@ -65,7 +65,7 @@ before = psutil.Process().memory_info().rss
 (walker,) = FrameWalk([solid], drawing).walkers
 while walker.next_batch() is not None:
     pass
-print(bytes_to_walk_slabs([geometry.box]), psutil.Process().memory_info().rss - before)
+print(bytes_to_walk_slabs(geometry.box, geometry.box.voxels), psutil.Process().memory_info().rss - before)
 """
 
 
@@ -153,6 +153,21 @@ def test_step_g_is_refused_where_there_is_no_room_for_the_voxels_that_it_keeps(t
     with opened(path, ["900K"]) as session, SingleProcess(path) as single:
         for _ in range(2):
             assert torch.equal(session.render(scene, Step.G), single.render(scene, Step.G))
+
+
+def test_step_g_is_drawn_where_there_is_room_for_what_can_be_seen(tmp_path: Path) -> None:
+    """Also if there is none for a solid; and tables that show more are asked about anew."""
+    values, path = np.zeros((80, 80, 80), np.uint8), tmp_path / "small.npy"
+    values[36:44, 36:44, 36:44] = 200
+    np.save(path, values)
+    with opened(path, ["4300K"]) as session, SingleProcess(path) as single:
+        scene = msgspec.structs.replace(session.default_scene(), image=Image(width=64, height=64))
+        assert torch.equal(session.render(scene, Step.G), single.render(scene, Step.G))
+        opaque = ScalarTable(points=((0.0, 1.0), (1.0, 1.0)))
+        solid = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=opaque))
+        with pytest.raises(BadInput, match="no memory for the voxels that step G keeps"):
+            session.render(solid, Step.G)
+        assert torch.equal(session.render(scene, Step.G), single.render(scene, Step.G))
 
 
 def test_where_the_machine_has_too_little_left_nothing_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
