@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from volsplat.client.coordinator.packing import Packing
 from volsplat.protocol.description.volume import Box
+from volsplat.protocol.text.errors import VolsplatError
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Assignments:
         self.may_move = True  # until that is refused
         self._before = NOTHING  # what was held when the newest was asked for
         self._refusals: dict[int, int] = {}  # of the newest: what each server that refused it still holds
+        self._untold: VolsplatError | None = None  # why the first has refused it, until somebody is told
 
     @property
     def refused(self) -> bool:
@@ -39,14 +41,21 @@ class Assignments:
         """Ask for another one. `before` is what is held; None where nothing came of the last one."""
         self._before = before or self._before
         self.newest += 1
-        self.current, self.moving, self._refusals = self.newest, moving, {}
+        self.current, self.moving, self._refusals, self._untold = self.newest, moving, {}, None
 
-    def refuse(self, server: int, held: int) -> bool:
+    def refuse(self, server: int, held: int, error: VolsplatError) -> bool:
         """A server refuses the newest one, and still holds another. True for the first, if somebody waits for it."""
-        first = not self._refusals and not self.moving
+        first = not self._refusals
+        if first:
+            self._untold = error
         self._refusals[server] = held
         self.may_move = self.may_move and not self.moving
-        return first
+        return first and not self.moving
+
+    def take_refusal(self) -> VolsplatError | None:
+        """Why the newest was refused, once."""
+        error, self._untold = self._untold, None
+        return error
 
     def refuse_all(self, servers: Iterable[int], held: int) -> None:
         """Nobody gets anything."""

@@ -68,6 +68,7 @@ from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribe
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 
 _STAY = "the sub-cubes stay where they are"
+_ANEW = "the volume is read anew for the next image"
 _NO_HEIR = "nobody takes over what was lost"
 
 
@@ -121,12 +122,13 @@ class Coordinator:
         """
         if self.failure is not None:
             return []
+        refused = self._tell_refused()
         resting = self.frames.idle and (self.holding.settled or self.holding.phase is Phase.GATHERING)
         left = self._let_go() if resting and self.servers.all_are_known else []
         shared = self._share(at_once=bool(left)) if resting and self.failure is None else []
         self.servers.hold(self.holding.boxes)
         begun = self.frames.begin()
-        return [*left, *shared, *begun, *([] if self._heals else self.voxel_questions.send())]
+        return [*refused, *left, *shared, *begun, *([] if self._heals else self.voxel_questions.send())]
 
     @property
     def _heals(self) -> bool:
@@ -428,19 +430,22 @@ class Coordinator:
 
     def _assignment_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
         """Whoever waits for it is told, and the session goes on."""
-        holding, assignments = self.holding, self.holding.assignments
-        moves = assignments.moving and assignments.may_move
-        waited_for = holding.refused(server, message.request, message.held)
-        told: list[Instruction] = []
-        if not self._all_is_held():
-            told = [ReportLoss(f"{error}; {_NO_HEIR}")]
-        elif moves and not waited_for:
-            told = [ReportProgress(f"{error}; {_STAY}")]
-        if not waited_for:
-            return told
+        if not self.holding.refused(server, message.request, message.held, error):
+            return []
         waiting = [one.asked.question for one in self.voxel_questions.waiting()]
         ended = [told for question in waiting for told in self.voxel_questions.refused(question, error)]
-        return [*told, *self.frames.end(error), *ended]
+        return [*self.frames.end(error), *ended]
+
+    def _tell_refused(self) -> list[Instruction]:
+        """Once all have answered: what becomes of an assignment that somebody has refused, and why."""
+        holding, assignments = self.holding, self.holding.assignments
+        if not holding.settled or (error := assignments.take_refusal()) is None:
+            return []
+        if not self._all_is_held():
+            return [ReportLoss(f"{error}; {_NO_HEIR}")]
+        if not assignments.moving:  # whoever waits for it was told
+            return []
+        return [ReportProgress(f"{error}; {_ANEW if holding.phase is Phase.EMPTY else _STAY}")]
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:

@@ -46,6 +46,7 @@ from volsplat.protocol.messages.volume_messages import (
     VoxelsPacked,
 )
 from volsplat.protocol.rules.levels import Resolution, Thinning, own_resolution, resolution_of
+from volsplat.protocol.text.errors import VolsplatError
 
 
 class VolumeHolding:
@@ -259,13 +260,13 @@ class VolumeHolding:
         self._divide(self._known.description)
         return self._read_sub_cubes()
 
-    def refused(self, server: int, request: str, held: int) -> bool:
-        """A server has refused the newest assignment and still holds the one that is `held`, 0 for none.
+    def refused(self, server: int, request: str, held: int, error: VolsplatError) -> bool:
+        """A server has refused the newest assignment by this error, and still holds the one that is `held`, 0 for none.
 
         Once all have answered, what they held is held again, where they all still do. True if somebody waited for it,
         for the first refusal.
         """
-        first = self.assignments.refuse(server, held)
+        first = self.assignments.refuse(server, held, error)
         self._pending.discard(server)
         if self._lending is not None:  # without it the others get nothing; before it lends they are asked for nothing
             kept = held if request == LendVolume.__name__ else 0

@@ -345,8 +345,8 @@ class SingleProcess(Renderer):
     def _answers(self, message: messages.Message) -> list[Answer]:
         try:
             return self._held.answers(message)
-        except BadInput:
-            self._holding.refused(WORKER, type(message).__name__, self._held.assignment)
+        except BadInput as error:
+            self._holding.refused(WORKER, type(message).__name__, self._held.assignment, error)
             raise
 
     def _check_open(self) -> None:

@@ -53,6 +53,7 @@ from volsplat.client.coordinator.coordinator_events import (
     PointAsked,
     PublishImage,
     ReportLoss,
+    ReportProgress,
     Send,
     ServerJoined,
     ServerLost,
@@ -615,14 +616,46 @@ def test_what_others_cannot_read_is_missing_until_a_server_joins(ahead: bool) ->
     assert boxes_told(read_ahead(coordinator, told)) == {SECOND: [UPPER], LATE.server: [LOWER]}
 
 
-def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
+def shared_by_three() -> CheckedCoordinator:
+    """One has joined late, and has its part."""
     coordinator = drawing()
     for event in joins(LATE):
         coordinator.handle(event)
     finished(coordinator, 1, [FIRST, SECOND])
-    share = {server: sum(box.voxels for box in boxes) for server, boxes in coordinator.holding.boxes.items()}
-    for server in share:
+    for server in (FIRST, SECOND, LATE.server):
         coordinator.handle(said(server, messages.VoxelsPacked(2, 1, 0.1)))
+    return coordinator
+
+
+@pytest.mark.parametrize("first", ["accepts", "refuses"])
+def test_what_one_takes_over_and_another_refuses_is_told_once_both_have_answered(first: str) -> None:
+    """They hold parts that do not fit together."""
+    coordinator = shared_by_three()
+    lose_first(coordinator)
+    accepts = said(SECOND, messages.VoxelsPacked(3, 1, 0.1))
+    refuses = said(LATE.server, messages.Refused("ChangeSubCubes", "no memory", assignment=3, held=2))
+    before, last = (accepts, refuses) if first == "accepts" else (refuses, accepts)
+    assert coordinator.handle(before) == []
+    assert coordinator.handle(last) == [ReportProgress("no memory; the volume is read anew for the next image")]
+    asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))
+    assert sent(asked) == [(server, messages.ReadSubCubes) for server in (SECOND, LATE.server)]
+
+
+def test_what_all_refuse_to_take_over_is_told_once() -> None:
+    coordinator = shared_by_three()
+    lose_first(coordinator)
+    told = [
+        one
+        for server in (SECOND, LATE.server)
+        for one in coordinator.handle(
+            said(server, messages.Refused("ChangeSubCubes", "no memory", assignment=3, held=2))
+        )
+    ]
+    assert told == [NO_HEIR]
+
+
+def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
+    coordinator = shared_by_three()
     lose_first(coordinator)
     for server in (SECOND, LATE.server):
         coordinator.handle(said(server, messages.VoxelsPacked(3, 1, 0.1)))

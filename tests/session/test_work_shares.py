@@ -264,9 +264,9 @@ def test_where_all_refuse_the_boxes_stay_and_nobody_asks_again() -> None:
     before = model.boxes
     model.until_moved()
     model.ask()
-    (told,) = model.coordinator.handle(refusal(FIRST, 2, held=1))
-    assert isinstance(told, ReportProgress) and "replaced" in told.text
-    drawn = model.coordinator.handle(refusal(SECOND, 2, held=1))
+    assert model.coordinator.handle(refusal(FIRST, 2, held=1)) == []
+    told, *drawn = model.coordinator.handle(refusal(SECOND, 2, held=1))
+    assert isinstance(told, ReportProgress) and "replaced" in told.text and "stay where they are" in told.text
     (request, *_) = [i.message for i in drawn if isinstance(i, Send)]
     assert isinstance(request, messages.RenderFrame) and request.assignment == 1
     assert model.boxes == before
