@@ -10,6 +10,7 @@ import msgspec
 import nibabel
 import numpy as np
 import pytest
+import SimpleITK as sitk
 import torch
 
 from support.patience import PATIENCE
@@ -80,12 +81,12 @@ def test_what_is_reckoned_is_what_is_taken(tmp_path: Path, scalar_type: str) -> 
     check_reckoned(PEAK, str(stored(tmp_path, scalar_type)))
 
 
-@pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
+@pytest.mark.parametrize("suffix", [".nii", ".nii.gz", ".nrrd"])
 def test_what_is_reckoned_of_a_vector_is_what_is_taken(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"v{suffix}"
-    vectors = np.zeros((SIDE, SIDE, SIDE, 1, 3), np.float32)
-    vectors[::8] = np.random.default_rng(1).random((SIDE, SIDE, 1, 3)) * 100
-    nibabel.save(nibabel.Nifti1Image(vectors, np.eye(4)), str(path))
+    vectors = np.zeros((SIDE, SIDE, SIDE, 3), np.float32)
+    vectors[..., ::8, :] = np.random.default_rng(1).random((SIDE, SIDE, SIDE // 8, 3)) * 100
+    sitk.WriteImage(sitk.GetImageFromArray(vectors, isVector=True), str(path))
     check_reckoned(PEAK, str(path))
 
 

@@ -1,6 +1,7 @@
-"""Several numbers a voxel, in VTK's files, MetaImage and NIfTI: components and magnitude, named alike in each."""
+"""Several numbers a voxel, in VTK's files, NRRD, MetaImage and NIfTI: components and magnitude, named alike in each."""
 
 import functools
+import gzip
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 
+from support.files.counted_bytes import bytes_read
 from support.files.opened import described, read_whole, refused
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.open_volume import parts_of
@@ -88,6 +90,24 @@ def by_simple_itk(path: Path, values: Voxels, compressed: bool = False) -> Path:
     return path
 
 
+def nrrd(path: Path, values: Voxels, kind: str, at_end: bool = False, encoding: str = "raw") -> Path:
+    """The components are along the first axis, of this kind, or one after the other along the last."""
+    stored = np.moveaxis(values, -1, 0) if at_end else values
+    number = {"f": "float", "i": "int", "u": "uint"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
+    fields = {
+        "type": {"float32": "float", "float64": "double"}.get(number, number),
+        "dimension": "4",
+        "sizes": " ".join(str(size) for size in stored.shape[::-1]),
+        "kinds": f"space space space {kind}" if at_end else f"{kind} space space space",
+        "endian": "little",
+        "encoding": encoding,
+    }
+    head = "".join(f"{name}: {field}\n" for name, field in fields.items())
+    packed = gzip.compress(stored.tobytes()) if encoding == "gzip" else stored.tobytes()
+    path.write_bytes(f"NRRD0004\n{head}\n".encode() + packed)
+    return path
+
+
 def by_nibabel(path: Path, frames: Voxels, intent: str | int = "vector") -> Path:
     """`frames` are shaped (frame, k, j, i, component)."""
     written = nibabel.Nifti1Image(frames.transpose(3, 2, 1, 0, 4), np.eye(4))
@@ -105,6 +125,9 @@ FILES: dict[str, Callable[[Path, Voxels], Path]] = {
     "VTK's older grid": lambda d, v: by_vtk(d / "v.vtk", rectilinear(v), FileType=2),
     "MetaImage": lambda d, v: by_simple_itk(d / "v.mha", v),
     "MetaImage, zlib": lambda d, v: by_simple_itk(d / "v.mhd", v, compressed=True),
+    "NRRD": lambda d, v: by_simple_itk(d / "v.nrrd", v),
+    "NRRD, gzip": lambda d, v: by_simple_itk(d / "v.nrrd", v, compressed=True),
+    "NRRD, components last": lambda d, v: nrrd(d / "v.nrrd", v, "vector", at_end=True),
     "NIfTI": lambda d, v: by_nibabel(d / "v.nii", v[None]),
     "NIfTI, gzip": lambda d, v: by_nibabel(d / "v.nii.gz", v[None]),
 }
@@ -188,6 +211,34 @@ def test_bytes_are_colours(case: str, count: int, tmp_path: Path) -> None:
     path = FILES[case](tmp_path, np.zeros((5, 6, 7, count), np.uint8))
     line = refused(path)
     assert "volsplat needs one number a voxel" in line and f"{count} c" in line
+
+
+@pytest.mark.parametrize("kind", ["vector", "covariant-vector", "normal", "3-vector", "3-gradient", "3-normal"])
+def test_every_kind_of_vector_in_nrrd_is_one(kind: str, tmp_path: Path) -> None:
+    path = nrrd(tmp_path / "v.nrrd", flow(3), kind)
+    np.testing.assert_array_equal(read_whole(path), magnitude(flow(3)))
+    np.testing.assert_array_equal(read_whole(f"{path}#z"), flow(3)[..., 2])
+
+
+def test_components_that_are_packed_one_after_the_other_are_unpacked_once_each(tmp_path: Path) -> None:
+    values = np.random.default_rng(1).random((64, 32, 32, 3), np.float32)
+    path = nrrd(tmp_path / "v.nrrd", values, "vector", at_end=True, encoding="gzip")
+    reader = open_volume(str(path))
+    box, before = reader.describe().geometry.box, bytes_read()
+    np.testing.assert_array_equal(reader.read(box), magnitude(values))
+    assert bytes_read() - before < 3 * path.stat().st_size
+
+
+@pytest.mark.parametrize("kind", ["RGB-color", "HSV-color", "point", "list"])
+def test_what_is_no_vector_in_nrrd_goes_by_numbers(kind: str, tmp_path: Path) -> None:
+    values = flow(3)
+    path = nrrd(tmp_path / "v.nrrd", values, kind)
+    with pytest.raises(PartNeeded, match="choose one, as in .*#0") as needed:
+        open_volume(str(path))
+    assert [one.part for one in needed.value.parts] == ["0", "1", "2"]
+    np.testing.assert_array_equal(read_whole(f"{path}#1"), values[..., 1])
+    assert "component" not in described(f"{path}#1").density_name
+    assert "are numbered 0 to 2" in refused(f"{path}#x")
 
 
 def test_a_frame_and_a_component_are_named_together(tmp_path: Path) -> None:

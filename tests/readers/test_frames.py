@@ -101,9 +101,10 @@ def test_a_series_asks_for_its_frame(case: str, tmp_path: Path) -> None:
             open_volume(f"{path}#{part}")
 
 
-def test_a_component_of_a_vector_is_chosen_by_its_number(tmp_path: Path) -> None:
-    path = nrrd(tmp_path / "v.nrrd", "kinds: vector space space space", f"none {STEPS}", INTERLEAVED)
-    with pytest.raises(BadInput, match="4 components a voxel, of kind vector.*choose one, as in .*#0"):
+@pytest.mark.parametrize("kind", ["quaternion", "2D-matrix", "RGBA-color"])
+def test_a_component_of_what_is_no_vector_is_chosen_by_its_number(kind: str, tmp_path: Path) -> None:
+    path = nrrd(tmp_path / "v.nrrd", f"kinds: {kind} space space space", f"none {STEPS}", INTERLEAVED)
+    with pytest.raises(BadInput, match=f"(?i)4 components a voxel, of kind {kind}.*choose one, as in .*#0"):
         open_volume(str(path))
     reader = open_volume(f"{path}#2")
     np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), SERIES[2])

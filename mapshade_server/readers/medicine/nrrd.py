@@ -5,7 +5,8 @@ they are raw and knows no bzip2. Only voxels written as text go through SimpleIT
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,12 @@ import numpy as np
 from volsplat.mapshade_server.readers.medicine.nrrd_header import LONGEST_LINE, NrrdHeader, header_of_file
 from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
+from volsplat.mapshade_server.readers.reading.components import (
+    ChosenVolume,
+    Component,
+    are_colours,
+    chosen_volume,
+)
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.header_numbers import numbered_names
 from volsplat.mapshade_server.readers.reading.named_files import named_file
@@ -27,8 +34,8 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import (
     unpacked_size,
 )
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat, Voxels
-from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
+from volsplat.protocol.description.volume import Index, VolumeDescription
 
 _SCALAR_TYPES = {
     "int8": "signed char, int8, int8_t",
@@ -56,6 +63,7 @@ TEXT_ENCODINGS = ("txt", "text", "ascii", "hex")
 LARGEST_FILE = 1 << 62  # bytes
 AT_END = -1  # bytes to skip: the voxels are the last of the file
 SPATIAL_KINDS = ("domain", "space")
+VECTOR_KINDS = ("vector", "2-vector", "3-vector", "4-vector", "covariant-vector", "normal", "3-normal", "3-gradient")
 FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which there are volumes, not components
 
 
@@ -91,37 +99,55 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
     """
     header = header_of_file(path)
     axes = _axes(header)
-    if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
-        what = f"{axes.frames} components a voxel, of kind {axes.kind}"
-        line = f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0"
-        raise PartNeeded(line, numbered(axes.frames, "component"))
-    frame, name = chosen_frame(path, part, axes.frames)
-    description = _description(path, header, axes, frame, name)
+    chosen = _chosen(path, part, axes, _scalar_type(header))
+    description = _description(path, header, axes, chosen)
     encoding = _encoding(header)
     if encoding in TEXT_ENCODINGS:
         return _opened_text(path, header, axes, description)
     if encoding not in PACKINGS:
         raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
-    return _opened_numbers(path, header, axes, description, frame)
+    return _opened_numbers(path, header, axes, description, chosen)
+
+
+def _chosen(path: Path, part: str, axes: _Axes, scalar_type: str) -> ChosenVolume:
+    """Components of vectors go by their letters, all else by its number. Raises BadInput."""
+    if _is_vector(axes, scalar_type):
+        return chosen_volume(path, part, 1, axes.frames)
+    if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
+        what = f"{axes.frames} components a voxel, of kind {axes.kind}"
+        line = f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0"
+        raise PartNeeded(line, numbered(axes.frames, "component"))
+    frame, name = chosen_frame(path, part, axes.frames)
+    return ChosenVolume(frame, name, Component(axes.frames, frame), [])
+
+
+def _is_vector(axes: _Axes, scalar_type: str) -> bool:
+    """Colours are none, which ITK calls vectors too; they go by their numbers, as tensors do."""
+    return axes.kind in VECTOR_KINDS and not are_colours(axes.frames, scalar_type)
+
+
+def _scalar_type(header: NrrdHeader) -> str:
+    scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
+    if scalar_type is None:
+        raise header.wrong("type", "is not a type of number that volsplat reads")
+    return scalar_type
 
 
 def _encoding(header: NrrdHeader) -> str:
     return header.fields.get("encoding", "").lower()
 
 
-def _description(path: Path, header: NrrdHeader, axes: _Axes, frame: int, name: str) -> VolumeDescription:
-    scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
-    if scalar_type is None:
-        raise header.wrong("type", "is not a type of number that volsplat reads")
-    encoding = _encoding(header)
+def _description(path: Path, header: NrrdHeader, axes: _Axes, chosen: ChosenVolume) -> VolumeDescription:
+    stored, encoding = _scalar_type(header), _encoding(header)
     place = place_of(header, axes.of_volume, axes.dims)
-    kind, kind_from, bands = kind_of(path, header.pairs, frame)
+    kind, kind_from, bands = kind_of(path, header.pairs, chosen.frame)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
     return VolumeDescription(
-        name=name,
+        name=chosen.name,
         format="NRRD",
         geometry=place.geometry,
-        scalar_type=scalar_type,
+        scalar_type=chosen.component.scalar_type(stored),
+        density_name=chosen.component.value_name() if _is_vector(axes, stored) else "",
         unit=place.unit,
         value_unit=header.fields.get("sample units", "").strip('"'),
         anatomical=place.anatomical,
@@ -147,9 +173,10 @@ def _opened_text(path: Path, header: NrrdHeader, axes: _Axes, description: Volum
 
 
 def _opened_numbers(
-    path: Path, header: NrrdHeader, axes: _Axes, description: VolumeDescription, frame: int
+    path: Path, header: NrrdHeader, axes: _Axes, description: VolumeDescription, chosen: ChosenVolume
 ) -> OpenedVolume:
-    dtype = np.dtype(description.scalar_type)
+    stored, component = _scalar_type(header), chosen.component
+    dtype = np.dtype(stored)
     order = BYTE_ORDERS.get(header.fields.get("endian", "").lower())
     if order is None and dtype.itemsize > 1:
         raise header.wrong("endian", "is neither little nor big")
@@ -158,14 +185,13 @@ def _opened_numbers(
     voxels = StoredVoxels(path, axes.stored, dtype, pieces)
     voxels.check_files()
 
-    def read(box: Box) -> Voxels:
-        if not axes.interleaved:
-            return voxels.read_from(frame * axes.dims[2], box)
-        (i0, j0, k0), (i1, j1, k1) = box
-        every = voxels.read(Box((i0 * axes.frames, j0, k0), (i1 * axes.frames, j1, k1)))
-        return every[:, :, frame :: axes.frames].copy()
-
-    return OpenedVolume(description, read, voxels.files, parts=())
+    if axes.interleaved:
+        read = component.of_interleaved(path, stored, voxels.read)
+    else:
+        apart = [replace(voxels) for _ in component.taken]  # each goes on unpacking where it was
+        each = [partial(one.read_from, n * axes.dims[2]) for one, n in zip(apart, component.taken, strict=True)]
+        read = component.of_separate(path, stored, each)
+    return OpenedVolume(description, read, voxels.files, parts=chosen.parts)
 
 
 def _axes(header: NrrdHeader) -> _Axes:

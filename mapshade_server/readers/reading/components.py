@@ -1,8 +1,8 @@
 """Several numbers a voxel: which one of them is drawn, or the magnitude of the vector that they are.
 
-One rule for VTK's files, MetaImage and NIfTI: two or three numbers are x, y and z of a vector, whose magnitude is drawn
-if nobody chooses. More are numbered from 0, and one must be chosen. Three or four bytes are colours, as VTK and ITK
-have them.
+One rule for VTK's files, NRRD, MetaImage and NIfTI: two or three numbers are x, y and z of a vector, whose magnitude
+is drawn if nobody chooses. More are numbered from 0, and one must be chosen. Three or four bytes are colours, as VTK
+and ITK have them.
 """
 
 from collections.abc import Iterable, Sequence
