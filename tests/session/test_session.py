@@ -1,8 +1,11 @@
 """Sessions with real servers on real sockets: refinement, newest frame wins, losses."""
 
 import gc
+import logging
 import re
 import signal
+import subprocess
+import sys
 import threading
 import tracemalloc
 from collections.abc import Iterator
@@ -24,7 +27,7 @@ from support.programs.server_processes import is_server
 from tolerances import ROUNDING
 from volsplat.client import Session
 from volsplat.client.coordinator.coordinator_events import EndFrame
-from volsplat.client.session import asked_images
+from volsplat.client.session import asked_images, coordination
 from volsplat.client.session import single as single_process
 from volsplat.client.session.asked_frames import AskedFrames, next_image
 from volsplat.client.session.frame_report import report_of
@@ -228,11 +231,21 @@ def test_a_server_may_die_at_any_moment_and_all_is_drawn(
         assert torch.equal(session.render(skin(session)), single.render(skin(single)))
 
 
-def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
-    with Session(head, workers=1, spawn=False) as session:
-        session._coordination.tell("no event")  # type: ignore[arg-type]
-        with pytest.raises(VolsplatError, match="the session cannot go on: "):
-            session.volume  # noqa: B018
+@pytest.mark.parametrize("logged", [True, False])
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # of what cannot be logged
+def test_whoever_waits_hears_of_a_mistake_inside(head: Path, logged: bool) -> None:
+    def fails(record: logging.LogRecord) -> bool:
+        return logged or 1 // 0 > 0
+
+    logger = logging.getLogger(coordination.__name__)
+    logger.addFilter(fails)
+    try:
+        with Session(head, workers=1, spawn=False) as session:
+            session._coordination.tell("no event")  # type: ignore[arg-type]
+            with pytest.raises(VolsplatError, match="the session cannot go on: KeyError"):
+                session.volume  # noqa: B018
+    finally:
+        logger.removeFilter(fails)
 
 
 def test_a_mistake_of_the_callers_is_logged_and_the_session_goes_on(
@@ -377,12 +390,24 @@ def test_a_closed_single_process_holds_nothing_and_says_that_it_is_closed(head: 
             ask(scene)
 
 
+GIVEN_BACK = """
+import sys
+import psutil
+from volsplat.client.session.single import SingleProcess
+
+single, taken = SingleProcess(sys.argv[1]), psutil.Process().memory_info
+assert single.finish(single.volume.default_scene().with_(size=2000)).complete
+open_bytes = taken().rss
+single.close()
+print(open_bytes - taken().rss)
+"""
+
+
 def test_a_closed_single_process_gives_the_memory_of_its_image_back(head: Path) -> None:
-    single, taken = SingleProcess(head), psutil.Process().memory_info
-    assert single.finish(single.volume.default_scene().with_(size=2000)).complete
-    open_bytes = taken().rss
-    single.close()
-    assert open_bytes - taken().rss >= 2000 * 2000 * 8  # half of it as float32 RGBA: others may take some meanwhile
+    """In a process where nothing else takes any, or gives it back."""
+    command = [sys.executable, "-c", GIVEN_BACK, str(head)]
+    told = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE, check=True).stdout
+    assert int(told) >= 2 * 2000 * 2000 * 16  # as float32 RGBA: where it is drawn, and as it is handed out
 
 
 def test_what_a_single_process_is_drawing_ends_once_it_is_closed(head: Path) -> None:
