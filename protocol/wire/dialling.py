@@ -17,13 +17,14 @@ from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import DiallerHandshake, State
 from volsplat.protocol.wire.peer import Peer
+from volsplat.protocol.wire.port import HANDSHAKE_SECONDS
 from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.unix_socket import entered_door
 
 FIRST_PAUSE_SECONDS = 0.05  # between two tries; doubled after each
 LONGEST_PAUSE_SECONDS = 0.5
 CONNECT_SECONDS = 5.0  # for one try
-HANDSHAKE_SECONDS = 10.0
+ANSWERED_SECONDS = 2 * HANDSHAKE_SECONDS  # for a handshake: who listens, and knows more, gives up first
 PATIENCE_SECONDS = 30.0
 
 # Worth another try: the other end may be starting, or its network.
@@ -52,7 +53,7 @@ def connect(
     server: int = 0,
     encryption: Encryption = Encryption.BETWEEN_MACHINES,
     patience: float = PATIENCE_SECONDS,
-    handshake_seconds: float = HANDSHAKE_SECONDS,
+    handshake_seconds: float = ANSWERED_SECONDS,
     allocate: Allocate = new_buffer,
     report: Callable[[PeerLost], None] = _unheard,
     given_up: Callable[[], bool] = lambda: False,
