@@ -72,22 +72,23 @@ def extent_from(view: View, geometry: Geometry, points: Points) -> Extent:
     """Of these points as they are seen: the outline's."""
     rotation = np.array(screen_rotation(view))
     seen: Points = points @ rotation.T
-    if view.center == "middle":
-        centre = _vector(_middle(seen) @ rotation)
-    else:
-        centre = matrices.applied(geometry.index_to_physical, view.center)
+    centre = _centre(view, geometry, _middle(seen) @ rotation)
     across, upwards, _ = np.abs(seen - rotation @ centre).max(axis=0).tolist()
     return Extent(centre, across, upwards, OUTLINE_FRACTION)
 
 
 def extent_in_a_turn(view: View, geometry: Geometry, points: Points) -> Extent:
     """Of these points from each side: the ball's about the middle of their box, or about the view's centre if given."""
-    if view.center == "middle":
-        centre = _vector(_middle(points))
-    else:
-        centre = matrices.applied(geometry.index_to_physical, view.center)
+    centre = _centre(view, geometry, _middle(points))
     reach = _reach(centre, points)
     return Extent(centre, reach, reach, FIT_FRACTION)
+
+
+def _centre(view: View, geometry: Geometry, middle: Points) -> Vector:
+    """The view's, which may be this middle of what is visible."""
+    if view.center == "middle":
+        return _vector(middle)
+    return matrices.applied(geometry.index_to_physical, view.center)
 
 
 def visible_points(scene: Scene, geometry: Geometry, quantisation: Quantisation, extremes: BlockExtremes) -> Points:
