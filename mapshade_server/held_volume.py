@@ -135,7 +135,7 @@ class HeldVolume:
 
     @contextmanager
     def room_to_walk(self, drawing: Drawing, sub_cubes: Sequence[SubCube]) -> Iterator[None]:
-        """While a frame of these is walked. Raises NoRoom if there is none for the voxels that step G keeps of them."""
+        """While a walk of these is planned. Raises NoRoom if there is none for the voxels that step G keeps of them."""
         if (slabs := drawing.plan.slabs) is None:
             yield
             return
