@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from by_the_book.book import Book
-from by_the_book.edges import covered
+from by_the_book.edges import between_edges
 from by_the_book.kernels import PROFILE, projection
-from by_the_book.tables import coded, patched, table
-from by_the_book.voxels import directions, packed
+from by_the_book.placing import Placing, rounded
+from by_the_book.shading import Shading
+from by_the_book.tables import coded
+from by_the_book.voxels import packed
 
 Array = NDArray[np.float64]
 STRIDES = {"A": 4, "B": 2, "C": 1, "D": 1, "E": 1, "F": 1}
@@ -29,91 +31,35 @@ class _Drawing:
         self.book = book
         self.stride = STRIDES[book.step]
         self.footprints = book.step in "DEF"
-        m, (width, height) = book.to_physical, book.size
-        self.spacing = abs(np.linalg.det(m)) ** (1 / 3)
-        self.turn = _rotation(book.rotation)
-        self.screen = book.zoom / self.spacing * self.turn @ m  # S
-        self.down = np.diag([1.0, -1.0, 1.0]) @ self.screen
-        at_zero = np.array([(width - 1) / 2, (height - 1) / 2]) - self.down[:2] @ np.array(book.center)
-        self.origin = [_rounded(2.0**32 * c) for c in at_zero]
-        self.half = [[_rounded(2.0**31 * self.down[xy, a]) for a in range(3)] for xy in range(2)]
-        self.dims = tuple(reversed(book.values.shape))
-        corners = [m @ (np.array(c) * self.dims / 2) for c in itertools.product((-1, 1), repeat=3)]
-        self.ball = max(float(np.linalg.norm(c)) for c in corners)
+        self.placing = Placing(book)
+        self.screen = self.placing.screen
+        self.shading = Shading(book, self.placing)
         self._find_order()
         self.visits = [_visits(*on_axis, self.stride) for on_axis in zip(*book.bounds, strict=True)]
-        self.packets = packed(book.values, m, book.window, book.strength_scale, book.octahedral)
-        self._make_fields()
-        self.buffer = np.zeros((height, width, 4))
+        self.packets = packed(book.values, book.to_physical, book.window, book.strength_scale, book.octahedral)
+        self.buffer = np.zeros((book.size[1], book.size[0], 4))
 
     def _find_order(self) -> None:
         ray = self.book.zoom * np.linalg.inv(self.screen)[:, 2]
-        fixed = [_rounded(2.0**32 * r) for r in ray]
+        fixed = [rounded(2.0**32 * r) for r in ray]
         apart = [1, 1, 1]
         if self.footprints:
             rows = np.linalg.norm(np.linalg.inv(self.book.to_physical), axis=1)
-            apart = [_rounded(2.0**20 / (self.spacing * row)) for row in rows]
+            apart = [rounded(2.0**20 / (self.placing.spacing * row)) for row in rows]
         self.axes = sorted((2, 1, 0), key=lambda a: -abs(fixed[a]) * apart[a])
         self.upwards = [(fixed[a] >= 0) != self.book.front_to_back for a in self.axes]
 
     # 5. colour and opacity
 
-    def _make_fields(self) -> None:
-        """Tables of 256 entries, and the light of each direction code."""
-        book = self.book
-        self.tables = {name: table(getattr(book, name)) for name in ("opac", "modu")}
-        for name in ("emit", "refl"):
-            self.tables[name] = np.stack([table(channel) for channel in getattr(book, name)], axis=1)
-        self.directions = directions(book.octahedral)
-        light = np.array(book.light) / np.linalg.norm(book.light)
-        if book.light_on_screen:
-            light = self.turn.T @ light
-        half = light + self.turn.T @ np.array([0.0, 0.0, 1.0])
-        half = half / np.linalg.norm(half) if half.any() else half
-        x, y, z = -self.directions.T
-        towards_light, towards_half = (x * v[0] + y * v[1] + z * v[2] for v in (light, half))
-        if book.two_sided:
-            towards_light, towards_half = abs(towards_light), abs(towards_half)
-        glint = np.where(towards_light > 0, np.maximum(towards_half, 0) ** book.power, 0)
-        self.light = book.lit[0] * np.maximum(towards_light, 0) + book.lit[1] * glint
-        self.light[~self.directions.any(axis=1)] = 0
-        physical = book.to_physical / np.linalg.norm(book.to_physical, axis=0)
-        self.gradient_bytes = np.floor(128.5 + 127 * self.directions @ physical).astype(int)
-
-    def _field(self, name: str, index: tuple[int, int, int], doubled: tuple[int, int, int], packet: int) -> int:
-        kind, _, axis = name.partition("-")
-        if kind in ("density", "strength"):
-            return packet >> (8 if kind == "strength" else 0) & 255
-        if kind == "grid":
-            return int(256 * index["ijk".index(axis)] // self.dims["ijk".index(axis)])
-        if kind == "gradient":
-            return int(self.gradient_bytes[packet >> 16 & 0x7FFF]["ijk".index(axis)])
-        row = self.screen["xyz".index(axis)]
-        scale = 128 / (self.ball * self.book.zoom / self.spacing)
-        middle = (np.array(self.dims) - 1) / 2
-        value = _rounded(2.0**32 * (128 - float(row @ middle) * scale))
-        value += sum(d * _rounded(2.0**31 * row[a] * scale) for a, d in enumerate(doubled))
-        return min(max(value >> 32, 0), 255)
-
     def _shaded(self, ordinals: tuple[int, ...]) -> tuple[Array, float] | None:
         """Colour and opacity of a sample, in the steps that the wire has; None if it is transparent."""
-        index, blocks = self._index(ordinals), self._blocks(ordinals)
+        index = self._index(ordinals)
         packet = int(self.packets[index[2], index[1], index[0]])
         if packet >> 31:
             return None
-        doubled = tuple(low + high - 1 for low, high in blocks)
-        byte = {
-            name: self._field(field, index, doubled, packet)  # type: ignore[arg-type]
-            for name, field in self.book.cross_bar.items()
-        }
-        light = self.light[packet >> 16 & 0x7FFF]
-        emit, refl = self.tables["emit"][byte["emit"]], self.tables["refl"][byte["refl"]]
-        a = self.tables["opac"][byte["opac"]] * self.tables["modu"][byte["modu"]]
-        if self.book.patches:
-            a, emit, refl = patched(self.book.patches, packet & 255, packet >> 8 & 255)
-            emit = emit * self.book.emits
-        colour = emit + refl * light
-        t = self._thickness([high - low for low, high in blocks])
+        a, emit, refl = self.shading.of_voxel(index, self._doubled(ordinals), packet)
+        colour = emit + refl * self.shading.light[packet >> 16 & 0x7FFF]
+        t = self._thickness([high - low for low, high in self._blocks(ordinals)])
         opacity = coded(a if t == 1 else -np.expm1(t * np.log1p(-a)) if a < 1 else float(t > 0))
         return (np.floor(255 * np.clip(colour, 0, 1) + 0.5) / 255, opacity) if opacity else None
 
@@ -159,7 +105,7 @@ class _Drawing:
             self._splat_pixels()
         else:
             self._splat_cells()
-        return self._between_edges() if self.book.edges else self.buffer
+        return between_edges(self.buffer, self.book, self.placing) if self.book.edges else self.buffer
 
     def _combine(self, where: tuple[slice, slice], weight: Array, colour: Array, opacity: float) -> None:
         pixels = self.buffer[where]
@@ -176,18 +122,17 @@ class _Drawing:
     def _place(self, ordinals: tuple[int, ...]) -> tuple[list[int], int]:
         """In 1/64 pixel, and the sheet's threshold."""
         threshold = (2**31 + 2**25 + 2654435769 * self._index(ordinals)[self.axes[0]]) % 2**32
-        return [(value + threshold % 2**26) // 2**26 for value in self._fixed(ordinals)], threshold
+        fixed = self.placing.fixed(self._doubled(ordinals))
+        return [(value + threshold % 2**26) // 2**26 for value in fixed], threshold
 
-    def _fixed(self, ordinals: tuple[int, ...]) -> list[int]:
-        """In 2^-32 pixel."""
-        doubled = [low + high - 1 for low, high in self._blocks(ordinals)]
-        return [self.origin[xy] + sum(d * h for d, h in zip(doubled, self.half[xy], strict=True)) for xy in range(2)]
+    def _doubled(self, ordinals: tuple[int, ...]) -> list[int]:
+        return [low + high - 1 for low, high in self._blocks(ordinals)]
 
     # 7. footprints
 
     def _splat_footprints(self) -> None:
         book, (width, height) = self.book, self.book.size
-        v = self.down[:2] @ self.down[:2].T
+        v = self.placing.down[:2] @ self.placing.down[:2].T
         if abs(v - book.zoom**2 * np.eye(2)).max() <= 1e-9 * book.zoom**2:
             v = book.zoom**2 * np.eye(2)
         squares, ways = np.linalg.eigh(v)
@@ -234,7 +179,7 @@ class _Drawing:
     def _splat_pixels(self) -> None:
         width, height = self.book.size
         for ordinals in itertools.product(*map(range, self._counts)):
-            x, y = ((value + 2**31) // 2**32 for value in self._fixed(ordinals))
+            x, y = ((value + 2**31) // 2**32 for value in self.placing.fixed(self._doubled(ordinals)))
             shaded = self._shaded(ordinals)
             if shaded is not None and 0 <= x < width and 0 <= y < height:
                 self._combine((slice(y, y + 1), slice(x, x + 1)), np.ones((1, 1)), *shaded)
@@ -256,7 +201,7 @@ class _Drawing:
     def _cell(self, x: int, y: int, doubled: int) -> tuple[int, int]:
         """Ordinals on the row and sample axes where a pixel's ray meets a plane of the sheet axis; -1 outside."""
         sheet, row, sample = self.axes
-        (x_half, y_half), (x_zero, y_zero) = self.half, self.origin
+        (x_half, y_half), (x_zero, y_zero) = self.placing.half, self.placing.origin
         u, v = 2**32 * x - x_zero - doubled * x_half[sheet], 2**32 * y - y_zero - doubled * y_half[sheet]
         area = x_half[row] * y_half[sample] - y_half[row] * x_half[sample]
         at_row, at_sample = u * y_half[sample] - v * x_half[sample], v * x_half[row] - u * y_half[row]
@@ -271,44 +216,6 @@ class _Drawing:
             if (2 * low - 1) * unit <= doubled < (2 * high - 1) * unit:
                 return n
         return -1
-
-    # 10. edges
-
-    def _between_edges(self) -> Array:
-        whole = ((0, 0, 0), self.dims)
-        front, behind = (np.zeros(self.buffer.shape[:2]) for _ in range(2))
-        boxes = [(whole, 1.5)] + ([] if self.book.bounds == whole else [(self.book.bounds, 0.75)])
-        facing = np.linalg.inv(self.screen)[:, 2]
-        for (low, high), line_width in boxes:
-            for axis, *ends in itertools.product(range(3), (0, 1), (0, 1)):
-                others = [a for a in range(3) if a != axis]
-                seen = any(facing[a] * (1 if end else -1) >= 0 for a, end in zip(others, ends, strict=True))
-                points = []
-                for along in (0, 1):
-                    upper = {axis: along, **dict(zip(others, ends, strict=True))}
-                    doubled = [2 * high[a] - 1 if upper[a] else 2 * low[a] - 1 for a in range(3)]
-                    points.append(
-                        [(self.origin[xy] + int(np.dot(doubled, self.half[xy]))) / 2.0**32 for xy in range(2)]
-                    )
-                layer = front if seen else behind
-                np.maximum(layer, covered(layer.shape, points, line_width), out=layer)
-        f, k = front[..., None], behind[..., None]
-        return f + (1 - f) * (self.buffer + (1 - self.buffer[..., 3:]) * k)
-
-
-def _rounded(x: float) -> int:
-    return floor(x + 0.5)
-
-
-def _rotation(quaternion: tuple[float, float, float, float]) -> Array:
-    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _visits(low: int, high: int, stride: int) -> list[tuple[int, tuple[int, int]]]:

@@ -1,5 +1,6 @@
 """Section 7 of docs/how_it_works/image.md: kernels, and what of them a ray runs through."""
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ CHORD_POINTS, SPACE_POINTS = 96, 400
 PROFILE = 4096  # places at which P is worked out, evenly in the angle whose cosine is rho / R
 
 
-def _kernel(name: str, r: Array, radius: float) -> Array:
+def kernel(name: str, r: Array, radius: float) -> Array:
     if name == "gaussian":
         return np.exp(-(r**2) / (2 * 0.62**2))
     if name == "bspline":
@@ -36,12 +37,16 @@ def projection(name: str, radius: float) -> Array:
         2
         * radius
         * np.sin(angle)
-        * (_kernel(name, np.sqrt((radius * np.cos(angle))[:, None] ** 2 + along**2), radius) * weights).sum(axis=1)
+        * (kernel(name, np.sqrt((radius * np.cos(angle))[:, None] ** 2 + along**2), radius) * weights).sum(axis=1)
     )
-    nodes, weights = _gauss(SPACE_POINTS)
-    space = radius * (4 * np.pi * (radius * nodes) ** 2 * _kernel(name, radius * nodes, radius) * weights).sum()
-    through: Array = chord / space
+    through: Array = chord / over_the_ball(lambda r: kernel(name, r, radius), radius)
     return through
+
+
+def over_the_ball(profile: Callable[[Array], Array], radius: float) -> float:
+    """The integral of what a radius alone decides."""
+    nodes, weights = _gauss(SPACE_POINTS)
+    return float(radius * (4 * np.pi * (radius * nodes) ** 2 * profile(radius * nodes) * weights).sum())
 
 
 @cache

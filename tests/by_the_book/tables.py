@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Codes = NDArray[np.int64]
 Points = list[tuple[float, float]]
 
 
@@ -22,30 +23,31 @@ class Patch:
     refl: tuple[float, float, float]
 
 
-def patched(patches: list[Patch], density: int, strength: int) -> tuple[float, Array, Array]:
-    """Opacity and both colours at an entry of the plane."""
-    through, weight, emit, refl = 1.0, 0.0, np.zeros(3), np.zeros(3)
+def patched(patches: list[Patch], density: Codes, strength: int) -> tuple[Array, Array, Array]:
+    """Opacities (n) and both colours (n, 3) at entries of a row of the plane."""
+    through, weight = np.ones(len(density)), np.zeros(len(density))
+    emit, refl = (np.zeros((len(density), 3)) for _ in range(2))
     for patch in patches:
         w = patch.opacity * _inside(patch, density / 255, strength / 255)
         through, weight = through * (1 - w), weight + w
-        emit, refl = emit + w * np.array(patch.emit), refl + w * np.array(patch.refl)
-    return 1 - through, emit / (weight or 1), refl / (weight or 1)
+        emit, refl = emit + np.outer(w, patch.emit), refl + np.outer(w, patch.refl)
+    whole = np.where(weight > 0, weight, 1)[:, None]
+    return 1 - through, emit / whole, refl / whole
 
 
-def _inside(patch: Patch, d: float, s: float) -> float:
+def _inside(patch: Patch, d: Array, s: float) -> Array:
     s0, s1 = patch.strength
     u = (s - s0) / (s1 - s0)
     left, right = (a + (b - a) * u for a, b in zip(patch.lower, patch.upper, strict=True))
-    return min(_along(s, s0, s1, patch.soft), _along(d, left, right, patch.soft)) if 0 <= u <= 1 else 0.0
+    across = _along(np.array(s), s0, s1, patch.soft)
+    return np.minimum(across, _along(d, left, right, patch.soft)) if 0 <= u <= 1 else np.zeros(d.shape)
 
 
-def _along(x: float, low: float, high: float, soft: float) -> float:
-    if not low <= x <= high:
-        return 0.0
+def _along(x: Array, low: float, high: float, soft: float) -> Array:
     rim = soft * (high - low) / 2
-    up = 1.0 if low <= 0 or x - low >= rim else (x - low) / rim
-    down = 1.0 if high >= 1 or high - x >= rim else (high - x) / rim
-    return min(up, down)
+    up = np.ones(x.shape) if low <= 0 or rim == 0 else (x - low) / rim
+    down = np.ones(x.shape) if high >= 1 or rim == 0 else (high - x) / rim
+    return np.where((low <= x) & (x <= high), np.minimum(1, np.minimum(up, down)), 0)
 
 
 def table(points: Points) -> Array:
