@@ -1,1 +1,1 @@
-"""A renderer written from docs/how_it_works/image.md alone, and what it must not know: anything of ours."""
+"""Renderers written from docs/how_it_works/image.md and slab_image.md alone, which know nothing of ours."""

@@ -1,4 +1,4 @@
-"""What docs/how_it_works/image.md makes a picture of, in plain numbers."""
+"""What docs/how_it_works/image.md and slab_image.md make a picture of, in plain numbers."""
 
 from dataclasses import dataclass
 
@@ -43,3 +43,14 @@ class Book:
     two_sided: bool
     power: float
     edges: bool
+
+
+@dataclass
+class SlabBook(Book):
+    """What decides a picture of step G besides; its kernel and radius are those of step G."""
+
+    slab: float
+    shadows: float
+    occlusion: float
+    depth_cue: float
+    silhouettes: float
