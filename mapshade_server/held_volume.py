@@ -135,7 +135,7 @@ class HeldVolume:
 
     @contextmanager
     def room_to_walk(self, drawing: Drawing, sub_cubes: Sequence[SubCube]) -> Iterator[None]:
-        """Raises NoRoom if there is none for the voxels that step G keeps of these. Within, nobody else is promised it."""
+        """Raises NoRoom if there is none for the voxels that step G keeps of these. Within, no other server gets it."""
         if (slabs := drawing.plan.slabs) is None:
             yield
             return
