@@ -323,6 +323,16 @@ def test_colours_by_intent_are_no_vector(tmp_path: Path) -> None:
     assert "3 components a voxel, which are colours" in refused(path)
 
 
+@pytest.mark.parametrize("intent", [1006, 1007, 2006])
+def test_a_fourth_axis_of_nifti_is_of_components_if_its_intent_says_so(intent: int, tmp_path: Path) -> None:
+    path = tmp_path / "warp.nii.gz"
+    written = nibabel.Nifti1Image(flow(3).transpose(2, 1, 0, 3), np.eye(4))
+    written.header.set_intent(intent, allow_unknown=True)
+    nibabel.save(written, str(path))
+    np.testing.assert_array_equal(read_whole(path), magnitude(flow(3)))
+    np.testing.assert_array_equal(read_whole(f"{path}#y"), flow(3)[..., 1])
+
+
 def test_a_statistic_with_its_parameters_is_no_vector(tmp_path: Path) -> None:
     path = by_nibabel(tmp_path / "v.nii", flow(2)[None], "t test")
     assert "a statistic with its parameters" in refused(path)

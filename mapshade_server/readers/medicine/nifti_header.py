@@ -19,6 +19,7 @@ FIRST_VOXEL = (0, 352, 544)  # by the version: at the earliest, if voxels follow
 LARGEST_OFFSET = 1 << 40
 INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
 INTENT_COLOURS = (2003, 2004)
+INTENT_VECTORS = (1006, 1007, 2006)  # displacements, vectors of any meaning, displacements by FSL
 _NIFTI_1 = {
     "dim": (40, "i2", 8),
     "intent": (68, "i2", 1),
@@ -81,6 +82,8 @@ class NiftiHeader:
         count, *sizes = (int(n) for n in self.values("dim"))
         if not 1 <= count <= 7 or min(sizes[:count]) < 1:
             raise self.wrong("dim", [count, *sizes])
+        if self.version and count == 4 and self.intent in INTENT_VECTORS:  # components, which belong on the fifth axis
+            count, sizes = 5, [*sizes[:3], 1, sizes[3]]
         components = sizes[4] if self.version and count >= 5 else 1
         refuse_other_dimensions(self.path, (*sizes[: min(count, 3)], *sizes[5 if self.version else 4 : count]))
         code, dims = int(self.values("datatype")[0]), (sizes[0], sizes[1], sizes[2])
