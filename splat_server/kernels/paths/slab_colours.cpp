@@ -71,7 +71,7 @@ public:
             count_ = samples_.count - first_ < kAtOnce ? samples_.count - first_ : kAtOnce;
             reconstruct();
             clip();
-            orient();
+            if (uses_gradient()) orient();
             span();
             integrate();
             make_opaque();
@@ -209,6 +209,14 @@ private:
                 const double middle = begin ? (begin[n] + most(begin[n], end[n])) / 2 : 0.5;
                 place_[axis][n] += middle * rays.behind[axis];
             }
+    }
+
+    // Light is another's, which does not fall on the middle.
+    bool uses_gradient() const {
+        bool found = view_.by_strength || view_.scene->silhouettes > 0 || view_.light->lamp;
+        for (const Field field : view_.scene->cross_bar)
+            found = found || (field >= Field::strength && field <= Field::gradient_k);
+        return found;
     }
 
     // Gradients in the middle of the slab, and their sizes.
