@@ -138,20 +138,25 @@ void SlabPlanes::shade_before(std::int64_t block) {
     for (; next_block_ < block; ++next_block_) shade(next_block_);
 }
 
+// A row of tiles is shaded once the rows that gradients look at are densities, and moves on once no other row looks at
+// it: what these steps share is still in a cache.
 void SlabPlanes::shade(std::int64_t block) {
     const std::size_t tiles = last_touched_.size();
-    each_tile(touched_.data(), [&](int row, int tile) { find_densities(row, tile); });
-    clock_.lap(seconds_.densities);
-    // The first slabs begin on planes of the block before
-    for (std::size_t n = 0; n < tiles; ++n) last_touched_[n] |= touched_[n];
-    each_tile(last_touched_.data(), [&](int row, int tile) { shade_tile(block, row, tile); });
-    clock_.lap(seconds_.shading);
-    for (std::size_t n = tiles; n < touched_.size(); ++n) last_touched_[n % tiles] |= touched_[n];
-    each_tile(last_touched_.data(), [&](int row, int tile) { move_on(row, tile); });
+    std::vector<std::uint8_t> seen(tiles), all(tiles);  // the first slabs begin on planes of the block before
+    for (std::size_t n = 0; n < tiles; ++n) all[n] = seen[n] = last_touched_[n] | touched_[n];
+    for (std::size_t n = tiles; n < touched_.size(); ++n) all[n % tiles] |= touched_[n];
+    const int ahead = rounded_up(sums_.aside, kTileLines) / kTileLines;
+    for (int row = 0; row < sums_.tile_rows + 2 * ahead; ++row) {
+        each_tile(touched_.data(), row, [&](int tile) { find_densities(row, tile); });
+        clock_.lap(seconds_.densities);
+        each_tile(seen.data(), row - ahead, [&](int tile) { shade_tile(block, row - ahead, tile); });
+        clock_.lap(seconds_.shading);
+        each_tile(all.data(), row - 2 * ahead, [&](int tile) { move_on(row - 2 * ahead, tile); });
+        clock_.lap(seconds_.densities);
+    }
     std::copy_n(touched_.begin(), tiles, last_touched_.begin());
     std::copy(touched_.begin() + tiles, touched_.end(), touched_.begin());
     std::fill(touched_.end() - tiles, touched_.end(), 0);
-    clock_.lap(seconds_.densities);
 }
 
 SlabSeconds SlabPlanes::seconds() const {
@@ -163,10 +168,10 @@ SlabSeconds SlabPlanes::seconds() const {
 }
 
 template <class Do>
-void SlabPlanes::each_tile(const std::uint8_t* marks, const Do& act) {
-    for (int row = 0; row < sums_.tile_rows; ++row)
-        for (int tile = 0; tile < sums_.tiles; ++tile)
-            if (marks[row * sums_.tiles + tile]) act(row, tile);
+void SlabPlanes::each_tile(const std::uint8_t* marks, int row, const Do& act) const {
+    if (row < 0 || row >= sums_.tile_rows) return;
+    for (int tile = 0; tile < sums_.tiles; ++tile)
+        if (marks[row * sums_.tiles + tile]) act(tile);
 }
 
 void SlabPlanes::find_densities(int row, int tile) {
@@ -292,16 +297,24 @@ void SlabPlanes::note_closed(const TileArea& area) {
         }
 }
 
-// Keeps the last planes of the block that was shaded, and has the next one take its place.
 void SlabPlanes::move_on(int row, int tile) {
-    const std::size_t block = kBlockPlanes * number_bytes_, all = sums_.planes * number_bytes_;
+    if (frame_.table->wide()) move_on<std::uint64_t>(row, tile);
+    else move_on<std::uint32_t>(row, tile);
+}
+
+// Keeps the last planes of the block that was shaded, and has the next one take its place.
+template <class Number>
+void SlabPlanes::move_on(int row, int tile) {
+    constexpr std::size_t kBlock = kBlockPlanes * sizeof(Number);
+    const std::size_t all = sums_.planes * sizeof(Number);
     for (int line = row * kTileLines; line < (row + 1) * kTileLines; ++line) {
         char* at = planes_at(line, tile * kTileColumns);
         float* kept = kept_.data() + (line * sums_.pitch + tile * kTileColumns) * kKeptPlanes;
         for (int n = 0; n < kTileColumns; ++n, at += all, kept += kKeptPlanes) {
             std::memcpy(kept, at + (kBlockPlanes - kKeptPlanes) * sizeof(float), kKeptPlanes * sizeof(float));
-            std::memmove(at, at + block, all - block);
-            std::memset(at + all - block, 0, block);
+            for (std::size_t block = kBlock; block < all; block += kBlock)
+                std::memcpy(at + block - kBlock, at + block, kBlock);
+            std::memset(at + all - kBlock, 0, kBlock);
         }
     }
 }

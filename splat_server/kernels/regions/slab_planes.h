@@ -59,12 +59,14 @@ private:
     void shade_before(std::int64_t block);
     void shade(std::int64_t block);
     template <class Do>
-    void each_tile(const std::uint8_t* marks, const Do& act);
+    void each_tile(const std::uint8_t* marks, int row, const Do& act) const;
     void find_densities(int row, int tile);
     void shade_tile(std::int64_t block, int row, int tile);
     bool find_shown(std::int64_t block, const TileArea& area, ShownPixels& shown) const;
     void shade_slab(std::int64_t block, int slab, const TileArea& area, const ShownPixels& shown);
     void note_closed(const TileArea& area);
+    void move_on(int row, int tile);
+    template <class Number>
     void move_on(int row, int tile);
     TileArea area_of(int row, int tile) const;
     std::int64_t first_slab(std::int64_t block) const;
