@@ -144,14 +144,13 @@ std::vector<float> slab_densities(std::uint64_t& sum, const Splat& splat, const 
     std::vector<RowSpan> spans((1 << (kBits + kDepthBits)) * kRows, RowSpan{0, kColumns});
     std::vector<Number> slice_bits(kSlices + 2 * kPlanesAtOnce), sums(kLines * kTileColumns * kPlanes + kPlanesAtOnce);
     std::fill_n(slice_bits.begin() + kPlanesAtOnce, kSlices, ~Number{0});
-    std::vector<std::uint8_t> touched(2 * (kLines / kTileLines));
     SlabTableView table{};
     table.weights = weights.data() + kWeightMargin, table.spans = spans.data();
     table.slice_bits = slice_bits.data() + kPlanesAtOnce;
     table.offset_bits = kBits, table.slices = kSlices, table.rows = kRows, table.columns = kColumns;
     SlabSums planes{};
     planes.sums = sums.data(), planes.pitch = planes.columns = kTileColumns, planes.planes = kPlanes;
-    planes.lines = kLines, planes.touched = touched.data();
+    planes.lines = kLines;
     planes.tile_rows = kLines / kTileLines, planes.tiles = 1;
     planes.bias = Layout::kSignedBias, planes.least = static_cast<std::int32_t>(Layout::kUnit / 16);
     const auto some = [&](int end) { return static_cast<int>(chance.unit() * end); };

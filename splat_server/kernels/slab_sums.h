@@ -71,7 +71,6 @@ struct SlabSums {
     int planes;             // whole blocks
     int margin;             // columns of a line before pixel 0
     int first_line, lines;  // of the image
-    std::uint8_t* touched;  // [block][tile row][tile]
     int tile_rows, tiles;
     int aside;           // pixels that gradients look to either side
     bool any_closed;     // tiles of the image

@@ -50,7 +50,6 @@ private:
             static_cast<const Weight*>(table_.weights) + (offset * table_.rows + begin) * line - ahead,
             table_.spans + (offset >> table_.offset_bits) * table_.rows + begin, end - begin,
             static_cast<Number*>(sums_.sums) + ((voxel.top + begin) * sums_.pitch + voxel.left) * sums_.planes + first};
-        touch(voxel, begin, end);
         const Number one = Number{1} << SumLayout<Number>::kDensityBits | voxel.density;
         const Number* bits = static_cast<const Number*>(table_.slice_bits) - ahead;
         for (int left = ahead + table_.slices; left > 0; left -= kPlanesAtOnce) {
@@ -84,18 +83,6 @@ private:
     static void add(Number* planes, const Weight* weights, const Numbers& each) {
         if constexpr (sizeof(Number) == 4) store(planes, load<Numbers>(planes) + eight_widened(weights) * each);
         else store(planes, load<Numbers>(planes) + __builtin_convertvector(load<Weights>(weights), Numbers) * each);
-    }
-
-    void touch(const SlabVoxel& voxel, int begin, int end) const {
-        const int right = voxel.left + table_.columns - 1;
-        const int first = (voxel.top + begin) / kTileLines, last = (voxel.top + end - 1) / kTileLines;
-        const int blocks = (voxel.plane + table_.slices - 1) / kBlockPlanes;
-        for (int block = voxel.plane / kBlockPlanes; block <= blocks; ++block) {
-            std::uint8_t* const tiles = sums_.touched + std::int64_t(block) * sums_.tile_rows * sums_.tiles;
-            for (int row = first; row <= last; ++row)
-                for (int tile = voxel.left / kTileColumns; tile <= right / kTileColumns; ++tile)
-                    tiles[row * sums_.tiles + tile] = 1;
-        }
     }
 
     const SlabTableView& table_;

@@ -50,7 +50,6 @@ void SlabPlanes::make_room() {
     memory_ = zeros(columns * sums_.planes * (number_bytes_ / sizeof(float)));
     sums_.sums = memory_.get();
     touched_.assign(sums_.planes / kBlockPlanes * tiles, 0);
-    sums_.touched = touched_.data();
     found_.patch_columns = (sums_.columns >> kPatchBits) + 1;
     patches_.assign(static_cast<std::size_t>(found_.patch_columns) * ((sums_.lines >> kPatchBits) + 1), 0);
     found_.patches = patches_.data();
@@ -104,7 +103,10 @@ std::uint64_t SlabPlanes::add_runs(const SpanView& span, std::uint64_t begin, st
 // Patch by patch.
 void SlabPlanes::add_group() {
     std::uint32_t begin = 0;
-    for (std::uint32_t& patch : patches_) begin += std::exchange(patch, begin);
+    for (std::size_t n = 0; n < patches_.size(); ++n) {
+        if (patches_[n] > 0) touch(n);
+        begin += std::exchange(patches_[n], begin);
+    }
     sorted_.resize(std::max<std::size_t>(sorted_.size(), found_.count));
     for (std::uint64_t n = 0; n < found_.count; ++n) {
         const SlabVoxel& voxel = voxels_[n];
@@ -115,6 +117,20 @@ void SlabPlanes::add_group() {
     splat(frame_.table->view(), sums_, sorted_.data(), found_.count);
     std::fill(patches_.begin(), patches_.end(), 0);
     found_.count = 0;
+}
+
+// All tiles that boxes which begin in a patch may reach.
+void SlabPlanes::touch(std::size_t patch) {
+    const int left = static_cast<int>(patch % found_.patch_columns) << kPatchBits;
+    const int top = static_cast<int>(patch / found_.patch_columns) << kPatchBits;
+    const int right = left + (1 << kPatchBits) + frame_.table->width() - 2;  // the last column, and line
+    const int bottom = top + (1 << kPatchBits) + frame_.table->height() - 2;
+    const int first = left / kTileColumns, end = std::min(right / kTileColumns + 1, sums_.tiles);
+    for (int block = 0; block < sums_.planes / kBlockPlanes; ++block)
+        for (int row = top / kTileLines; row <= std::min(bottom / kTileLines, sums_.tile_rows - 1); ++row) {
+            std::uint8_t* const tiles = touched_.data() + (block * sums_.tile_rows + row) * sums_.tiles;
+            std::fill(tiles + first, tiles + end, 1);
+        }
 }
 
 void SlabPlanes::finish() {

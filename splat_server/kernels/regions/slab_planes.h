@@ -56,6 +56,7 @@ private:
     void let_go();
     std::uint64_t add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end, const unsigned char* packets);
     void add_group();
+    void touch(std::size_t patch);
     void shade_before(std::int64_t block);
     void shade(std::int64_t block);
     template <class Do>
@@ -81,8 +82,8 @@ private:
     const std::size_t number_bytes_;
     SlabSums sums_{};
     LargeArray<float> memory_;
-    std::vector<std::uint8_t> touched_;
-    std::int64_t group_ = 0;  // of the voxels that are found
+    std::vector<std::uint8_t> touched_;  // [block][tile row][tile]
+    std::int64_t group_ = 0;             // of the voxels that are found
     std::vector<SlabVoxel> voxels_, sorted_;
     SlabVoxels found_{};
     std::vector<std::uint32_t> patches_;
