@@ -315,7 +315,7 @@ class SlabTable:
 
     @property
     def pixel_bytes(self) -> int:
-        """What the sums of all planes take of one pixel."""
+        """What the sums of all planes, and the densities of those that are kept, take of one pixel."""
 
     @property
     def width(self) -> int: ...

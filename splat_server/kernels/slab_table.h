@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kernel_projection.h"
+#include "slab_samples.h"
 #include "slab_sums.h"
 
 namespace volsplat {
@@ -26,8 +27,8 @@ public:
     SlabTableView view() const;
     bool wide() const { return wide_; }
     std::size_t sum_bytes() const { return wide_ ? sizeof(std::uint64_t) : sizeof(std::uint32_t); }
-    // What the sums of all planes take of one pixel.
-    std::size_t pixel_bytes() const { return planes() * sum_bytes(); }
+    // What the sums of all planes, and the densities of those that are kept, take of one pixel.
+    std::size_t pixel_bytes() const { return planes() * sum_bytes() + kKeptPlanes * sizeof(float); }
     // From a group's first one on, that are added to with its voxels; whole blocks.
     int planes() const;
     // Pixels of the box around a voxel.

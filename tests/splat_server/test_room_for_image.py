@@ -58,6 +58,19 @@ def test_planes_of_slabs_that_are_too_large_are_refused_and_the_next_image_drawn
         assert single.render(scene, Step.A).equal(image)
 
 
+def test_what_is_asked_for_holds_the_planes_that_are_kept_beside_the_sums(meminfo: Path) -> None:
+    """Of each pixel, sums of 4 bytes by blocks of 8 planes, and densities of the last three planes before."""
+    leave(meminfo, 1 << 40)
+    with SingleProcess(Volume(make_phantom("shells", size=(8, 8, 8))[0], spacing=(1.0, 1.0, 1.0))) as single:
+        scene = single.volume.default_scene().with_(size=(SIDE, SIDE))
+        single.render(scene, Step.A)
+        leave(meminfo, NEEDED // 2)
+        with pytest.raises(BadInput, match=r"planes .* it needs [0-9.]+ MiB") as refused:
+            single.render(scene, Step.G)
+    needed = float(str(refused.value).split("it needs ")[1].split(" MiB")[0]) * 2**20 / SIDE**2
+    assert needed % (8 * 4) == 3 * 4
+
+
 def test_planes_of_slabs_are_let_go_once_the_image_is_drawn() -> None:
     with SingleProcess(Volume(make_phantom("shells", size=(32, 32, 32))[0], spacing=(1.0, 1.0, 1.0))) as single:
         scene = single.volume.default_scene().with_(size=(SIDE, SIDE))
