@@ -78,9 +78,10 @@ std::vector<std::uint64_t> shaded_row(std::uint64_t& sum, std::size_t& count) {
     }
     kernels.opacity_by_packet(visible.data(), count, opacity.data(), codes.data());
     const auto vectors = filled<double>(3 * kDirectionCodes, [&] { return 1.2 * chance.unit() - 0.6; });
-    std::vector<float> light(kDirectionCodes);
+    std::vector<float> light(2 * kDirectionCodes);
     kernels.light({vectors.data(), vectors.data() + kDirectionCodes, vectors.data() + 2 * kDirectionCodes},
-                  kDirectionCodes, {{0.6, 0.0, 0.8}, {0.0, 0.6, 0.8}, true, true, false, 12.5}, light.data());
+                  kDirectionCodes, {{0.6, 0.0, 0.8}, {0.0, 0.6, 0.8}, true, true, false, 12.5}, light.data(),
+                  light.data() + kDirectionCodes);
     add(sum, light, light.size());
 
     const auto colours = filled<float>(2 * 4 * 256, unit);
