@@ -11,7 +11,9 @@ from support.checkout import ROOT
 from support.patience import PATIENCE
 
 TABLE = "splat_server/kernels/paths/path_table.cpp"
-NUMBERS = [f"protocol/rules/{name}.py" for name in ("closed_tiles", "index_rules", "packet_layout")]
+SAME_BITS = "kernels/tests/same_bits.cpp"
+MODULES = ("closed_tiles", "image_tiles", "index_rules", "packet_layout", "rounding")
+NUMBERS = [f"protocol/rules/{name}.py" for name in MODULES]
 
 
 def _compiles(source: Path, headers: Path) -> bool:
@@ -24,17 +26,27 @@ def _compiles(source: Path, headers: Path) -> bool:
     return subprocess.run(command, capture_output=True, timeout=PATIENCE).returncode == 0
 
 
-def test_a_table_that_lacks_a_kernel_does_not_compile(tmp_path: Path) -> None:
+@pytest.fixture
+def headers(tmp_path: Path) -> Path:
+    """The folder of the header that is made of numbers."""
     header = tmp_path / "kernels" / "constants.h"
     subprocess.run([sys.executable, "kernels/write_constants.py", str(header), *NUMBERS], cwd=ROOT, check=True)
+    return tmp_path
+
+
+def test_a_table_that_lacks_a_kernel_does_not_compile(headers: Path, tmp_path: Path) -> None:
     rows = (ROOT / TABLE).read_text(encoding="utf-8").splitlines(keepends=True)
     source = tmp_path / "path_table.cpp"
     source.write_text("".join(rows))
-    assert _compiles(source, tmp_path)
+    assert _compiles(source, headers)
     lacking = [row for row in rows if ".fill_footprints" not in row]
     assert len(lacking) == len(rows) - 1
     source.write_text("".join(lacking))
-    assert not _compiles(source, tmp_path)
+    assert not _compiles(source, headers)
+
+
+def test_what_compares_the_bits_of_two_processors_calls_the_kernels_as_they_are(headers: Path) -> None:
+    assert _compiles(ROOT / SAME_BITS, headers)
 
 
 def test_code_for_newer_processors_is_never_taken_for_all() -> None:
