@@ -272,13 +272,29 @@ def test_digits_that_python_refuses_to_read_are_no_number() -> None:
         index_in(Path("v.nii"), "9" * 5000, 4, "volumes")
 
 
-def test_a_series_of_vectors_in_metaimage_is_taken_apart(tmp_path: Path) -> None:
+@pytest.mark.parametrize("extension", ["mha", "nii", "nrrd"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_series_of_vectors_that_itk_joins_is_taken_apart(extension: str, compressed: bool, tmp_path: Path) -> None:
     frames = FLOWS[..., :3].astype(np.int16)
-    path = tmp_path / "v.mha"
+    path = tmp_path / f"v.{extension}"
     series = sitk.JoinSeries([sitk.GetImageFromArray(frame, isVector=True) for frame in frames])
-    sitk.WriteImage(series, str(path))
+    sitk.WriteImage(series, str(path), compressed)
+    with pytest.raises(PartNeeded, match="series of 4 volumes"):
+        open_volume(str(path))
+    assert [one.part for one in parts_of(f"{path}#2")] == ["2,magnitude", "2,x", "2,y", "2,z"]
+    np.testing.assert_array_equal(open_volume(f"{path}#2,x").read(BOX), frames[2, ..., 0][IN_BOX])
     np.testing.assert_array_equal(read_whole(f"{path}#3"), magnitude(frames[3]))
     np.testing.assert_array_equal(read_whole(f"{path}#1,z"), frames[1, ..., 2])
+
+
+@pytest.mark.parametrize(("scalar_type", "kind"), [(np.uint8, b"vector"), (np.int16, b"3D-matrix")])
+def test_a_series_in_nrrd_of_what_is_no_vector_is_refused(scalar_type: type, kind: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "v.nrrd"
+    series = sitk.JoinSeries([sitk.GetImageFromArray(np.zeros((5, 6, 7, 3), scalar_type), isVector=True)] * 4)
+    sitk.WriteImage(series, str(path))
+    path.write_bytes(path.read_bytes().replace(b"kinds: vector", b"kinds: " + kind))
+    for part in ("", "#0", "#0,x"):
+        assert "axes of 3 and 4 values that are not axes of space" in refused(f"{path}{part}")
 
 
 def test_components_are_scaled_before_their_magnitude_is_taken(tmp_path: Path) -> None:

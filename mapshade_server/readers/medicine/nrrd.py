@@ -71,7 +71,8 @@ FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which ther
 class _Axes:
     """What the header's axes are: the three of one volume and, if there are several volumes, that along them.
 
-    `frames` volumes lie interleaved, voxel by voxel, or one after the other.
+    `frames` volumes lie interleaved, voxel by voxel, or one after the other. Interleaved ones may be the components of
+    a `series` of vectors, one after the other.
     """
 
     sizes: tuple[int, ...]
@@ -79,6 +80,7 @@ class _Axes:
     frames: int
     kind: str  # of the axis along the volumes, "" if the header states none
     interleaved: bool
+    series: int = 1
 
     @property
     def dims(self) -> Index:
@@ -89,7 +91,7 @@ class _Axes:
     def stored(self) -> Index:
         """The size of all volumes as one grid: side by side along i if they are interleaved, else along k."""
         ni, nj, nk = self.dims
-        return (ni * self.frames, nj, nk) if self.interleaved else (ni, nj, nk * self.frames)
+        return (ni * self.frames, nj, nk * self.series) if self.interleaved else (ni, nj, nk * self.frames)
 
 
 def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
@@ -112,7 +114,9 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
 def _chosen(path: Path, part: str, axes: _Axes, scalar_type: str) -> ChosenVolume:
     """Components of vectors go by their letters, all else by its number. Raises BadInput."""
     if _is_vector(axes, scalar_type):
-        return chosen_volume(path, part, 1, axes.frames)
+        return chosen_volume(path, part, axes.series, axes.frames)
+    if axes.series > 1:
+        refuse_vectors(path, f"axes of {axes.frames} and {axes.series} values that are not axes of space")
     if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
         what = f"{axes.frames} components a voxel, of kind {axes.kind}"
         line = f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0"
@@ -186,7 +190,8 @@ def _opened_numbers(
     voxels.check_files()
 
     if axes.interleaved:
-        read = component.of_interleaved(path, stored, voxels.read)
+        start = chosen.frame * axes.dims[2] if axes.series > 1 else 0
+        read = component.of_interleaved(path, stored, partial(voxels.read_from, start))
     else:
         apart = [replace(voxels) for _ in component.taken]  # each goes on unpacking where it was
         each = [partial(one.read_from, n * axes.dims[2]) for one, n in zip(apart, component.taken, strict=True)]
@@ -211,15 +216,24 @@ def _axes(header: NrrdHeader) -> _Axes:
             axes.remove(axis)
     if len(along) > 1 and any(leading[axis] for axis in along):
         refuse_other_dimensions(header.path, sizes)
-    if len(along) > 1 or along and along[0] not in (0, len(sizes) - 1):
+    kinds = (*_kinds(header), *[""] * len(sizes))
+    last, series = len(sizes) - 1, 1
+    if (
+        along == [0, last]
+        and len(axes) == 3
+        and kinds[0] in VECTOR_KINDS
+        and kinds[last] in FRAME_KINDS + SPATIAL_KINDS
+    ):
+        series = sizes[along.pop()]
+    if len(along) > 1 or along and along[0] not in (0, last):
         told = " and ".join(f"{sizes[axis]}" for axis in along)
         refuse_vectors(header.path, f"axes of {told} values that are not axes of space")
     refuse_other_dimensions(header.path, tuple(sizes[axis] for axis in axes))
     of_volume = (axes[0], axes[1], axes[2])
     if not along:
         return _Axes(sizes, of_volume, 1, "", False)
-    kind = (*_kinds(header), *[""] * len(sizes))[along[0]]
-    return _Axes(sizes, of_volume, sizes[along[0]], "" if kind in SPATIAL_KINDS else kind, along == [0])
+    kind = kinds[along[0]]
+    return _Axes(sizes, of_volume, sizes[along[0]], "" if kind in SPATIAL_KINDS else kind, along == [0], series)
 
 
 def _kinds(header: NrrdHeader) -> list[str]:
