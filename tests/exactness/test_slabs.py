@@ -99,6 +99,21 @@ PLANE = Plane(
 )
 
 
+@pytest.mark.parametrize(
+    ("constant", "cross_bar"), [("modu", CrossBar(modu=Field.STRENGTH)), ("opac", CrossBar(opac=Field.GRID_I))]
+)
+def test_an_opacity_that_is_the_same_everywhere_weights_colours_whatever_indexes_it(
+    constant: str, cross_bar: CrossBar
+) -> None:
+    scene = scene_of(OBLIQUE, Reconstruction(slab=2.0))
+    by_density = msgspec.structs.replace(scene.tables, **{constant: ScalarTable(((0.0, 0.5), (1.0, 0.5)))})
+    other = "opac" if constant == "modu" else "modu"
+    tables = msgspec.structs.replace(by_density, **{other: ScalarTable(((0.0, 0.0), (0.6, 1.0)))})
+    cross_bar = msgspec.structs.replace(cross_bar, **{other: Field.DENSITY})
+    scene = msgspec.structs.replace(scene, tables=tables, cross_bar=cross_bar)
+    assert difference(scene, CUBIC, exact=False).max() <= ONE_LEVEL
+
+
 def test_patches_are_those_of_the_strength_in_the_middle_of_a_slab() -> None:
     off = difference(scene_of(OBLIQUE, plane=PLANE), SKEWED, exact=False)
     assert (off > ONE_LEVEL).double().mean() <= FEW_TIES  # where a byte is a hair from the next one

@@ -396,7 +396,7 @@ def _opacity(scene: Scene, fields: dict[Field, Tensor] | None) -> Tensor:
         tables.append((scene.tables.modu, scene.cross_bar.modu))
     for table, field in tables:
         entries = _entries(table)
-        if field == Field.DENSITY:
+        if field == Field.DENSITY or entries.min() == entries.max():  # the same everywhere: density's as well
             opacity = opacity * entries
         elif fields is not None:
             opacity = opacity * entries[fields[field]][..., None]
