@@ -43,11 +43,13 @@ class Book:
     two_sided: bool
     power: float
     edges: bool
+    factors: tuple[int, int, int] = (1, 1, 1)  # how many of the volume's voxels one has on each axis, if it is a level
+    whole: tuple[int, int, int] | None = None  # the volume's, if it is a level
 
 
-@dataclass
+@dataclass(kw_only=True)
 class SlabBook(Book):
-    """What decides a picture of step G besides; its kernel and radius are those of step G."""
+    """What decides a picture of step G besides; its kernel is that of step G."""
 
     slab: float
     shadows: float

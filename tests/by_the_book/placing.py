@@ -25,9 +25,18 @@ class Placing:
         self.origin = [rounded(2.0**32 * c) for c in at_zero]
         self.half = [[rounded(2.0**31 * self.down[xy, a]) for a in range(3)] for xy in range(2)]
         self.dims = tuple(reversed(book.values.shape))
-        self.middle = (np.array(self.dims) - 1) / 2
-        corners = [m @ (np.array(c) * self.dims / 2) for c in itertools.product((-1, 1), repeat=3)]
+        self.whole = np.array(book.whole or self.dims)
+        self.factors = np.array(book.factors)
+        self.thickness = float(np.prod(self.factors)) ** (1 / 3)  # f of section 11
+        extent = self.whole / self.factors
+        self.middle = extent / 2 - 0.5
+        corners = [m @ (np.array(c) * extent / 2) for c in itertools.product((-1, 1), repeat=3)]
         self.ball = max(float(np.linalg.norm(c)) for c in corners) * book.zoom / self.spacing  # in pixels
+
+    def in_volume(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The voxels of the volume that have the grid fields of a level's (…, 3)."""
+        voxel: NDArray[np.int64] = np.minimum(index * self.factors + self.factors // 2, self.whole - 1)
+        return voxel
 
     def fixed(self, doubled: Sequence[int]) -> list[int]:
         """Of a place at a doubled index, in 2^-32 pixel."""

@@ -60,7 +60,8 @@ class Shading:
         if kind in ("density", "strength"):
             return packet >> (8 if kind == "strength" else 0) & 255
         if kind == "grid":
-            return int(256 * index["ijk".index(axis)] // self.placing.dims["ijk".index(axis)])
+            n = "ijk".index(axis)
+            return int(256 * self.placing.in_volume(np.array(index))[n] // self.placing.whole[n])
         if kind == "gradient":
             return int(self.gradient_bytes[packet >> 16 & 0x7FFF]["ijk".index(axis)])
         at_zero, *halves = self.screen_field("xyz".index(axis))

@@ -20,7 +20,7 @@ class BlockLight:
 
     def __init__(self, book: SlabBook, placing: Placing, shading: Shading) -> None:
         self.to_grid = np.linalg.inv(book.to_physical)
-        self.spacing = placing.spacing
+        self.spacing = placing.spacing / placing.thickness  # the volume's
         self.side = -(-np.array(placing.dims) // 64)
         self.depths = self._block_depths(book, shading)
         self.from_light = self._from(shading.to_light) if book.shadows else np.ones(self.depths.shape)

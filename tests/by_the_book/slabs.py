@@ -144,7 +144,7 @@ class _Slabs:
         bytes_of = self._fields(d0, d1, gradient, grid)
         depths, colours_by = self._depths(bytes_of)
         low, high, shares = _span(d0, d1)
-        depth = self.book.slab * (t1 - t0) * (shares * depths).sum(axis=1)
+        depth = self.book.slab * self.placing.thickness * (t1 - t0) * (shares * depths).sum(axis=1)
         emit, refl = (self._colour(name, shares * colours_by, bytes_of) for name in ("emit", "refl"))
         emit = emit * self.book.emits
         share_lit, lit = self._lit(shares * colours_by, low, high, d1 < d0, depth, g0, g1)
@@ -220,10 +220,10 @@ class _Slabs:
         found["strength"] = np.minimum(255, size * book.strength_scale * (high - low) / 255) + 0.5
         of_direction = self.shading.bytes_of_directions(_unit(gradient))
         screen = self._on_screen(grid)
+        nearest = np.clip(np.floor(grid + 0.5), 0, np.array(placing.dims) - 1).astype(np.int64)
+        voxel = placing.in_volume(nearest)
         for n, axis in enumerate("ijk"):
-            size_there = placing.dims[n]
-            nearest = np.clip(np.floor(grid[:, n] + 0.5), 0, size_there - 1)
-            found[f"grid-{axis}"] = 256 * nearest / size_there
+            found[f"grid-{axis}"] = 256 * voxel[:, n] // placing.whole[n]
             found[f"gradient-{axis}"] = of_direction[:, n]
         for n, axis in enumerate("xyz"):
             found[f"screen-{axis}"] = np.clip(screen[:, n], 0, 255)

@@ -1,6 +1,9 @@
 """docs/how_it_works/slab_image.md suffices to draw step G: what was written from it alone draws the programs' image."""
 
+from typing import Any
+
 import msgspec
+import numpy as np
 import pytest
 import torch
 from exactness.test_by_the_book import (
@@ -18,8 +21,10 @@ from torch import Tensor
 
 from by_the_book.book import SlabBook
 from by_the_book.slabs import draw_slabs
+from reference.level_means import halved, sides_of
 from support.scenes.rendering import rendered
 from tolerances import ONE_LEVEL
+from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.patches import Plane
 from volsplat.protocol.description.scene import (
     Bounds,
@@ -39,6 +44,7 @@ from volsplat.protocol.description.scene import (
 )
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import Resolution
 
 WHOLE = Bounds()
 ZOOMS, SLABS = (0.6, 1.0, 2.3, 4.1), (0.5, 1.0, 2.0)
@@ -61,14 +67,34 @@ def sliced(seed: int, dims: Index, view: View, bounds: Bounds = WHOLE, **dimming
     )
 
 
-def difference(values: Tensor, geometry: Geometry, one: Scene, octahedral: bool = True) -> float:
+def difference(
+    values: Tensor, geometry: Geometry, one: Scene, octahedral: bool = True, level: Geometry | None = None
+) -> float:
+    """`values` are those of the level, if there is one."""
     quantisation = Quantisation(WINDOW, STRENGTH_SCALE, "octahedral" if octahedral else "paper")
-    programs = rendered(values, geometry, one, Step.G, quantisation)
+    resolution = Resolution(1, level, 1) if level else None
+    programs = rendered(values, geometry, one, Step.G, quantisation, resolution=resolution)
     plain = vars(book(values, geometry, one, Step.G, octahedral)) | {"kernel": one.reconstruction.slab_kernel.value}
+    if level:
+        plain |= of_level(plain, geometry, level)
     dimming = {name: getattr(one.light, name) for name in DIMMED}
     drawn = torch.from_numpy(draw_slabs(SlabBook(**plain, slab=one.reconstruction.slab, **dimming)))
     assert programs.shape == drawn.shape and float(programs[..., 3].max()) > 0.05
     return float((programs - drawn).abs().max())
+
+
+def of_level(plain: dict[str, Any], geometry: Geometry, level: Geometry) -> dict[str, Any]:
+    n = np.linalg.norm(level.index_to_physical, axis=0) / np.linalg.norm(geometry.index_to_physical, axis=0)
+    factors = np.rint(n).astype(int)
+    low, high = np.array(plain["bounds"])
+    return {
+        "to_physical": np.array(level.index_to_physical),
+        "zoom": plain["zoom"] * level.reference_spacing / geometry.reference_spacing,
+        "center": tuple((np.array(plain["center"]) + 0.5) / factors - 0.5),
+        "bounds": (tuple(low // factors), tuple(-(-high // factors))),
+        "factors": tuple(factors),
+        "whole": geometry.dims,
+    }
 
 
 @pytest.mark.parametrize(("matrix", "rotation", "zoom"), CASES)
@@ -142,3 +168,19 @@ def test_it_suffices_for_light_dimmed_by_blocks_of_several_voxels(direction: tup
     light = msgspec.structs.replace(one.light, direction=direction, fixed_to="grid")
     one = msgspec.structs.replace(one, light=light, cross_bar=CrossBar())
     assert difference(volume(6, dims), Geometry(dims, MATRICES["unequal"]), one) <= ONE_LEVEL
+
+
+@pytest.mark.parametrize(("seed", "matrix"), [(3, "skewed"), (5, "cubic"), (10, "unequal")])
+def test_it_suffices_for_levels(seed: int, matrix: str) -> None:
+    dims = (15, 12, 13)
+    geometry = Geometry(dims, MATRICES[matrix])
+    level = halved_geometry(geometry)
+    values = halved(volume(seed, dims), sides_of(dims[::-1], level.dims[::-1]))
+    view = View(rotation=ROTATIONS["oblique"], zoom=1.1, center=(6.2, 5.1, 7.3), up="+z")
+    one = sliced(seed, dims, view, Bounds(low=(3, 0, 1), high=(12, 11, -1)), shadows=0.8, occlusion=0.6, depth_cue=0.5)
+    one = msgspec.structs.replace(
+        one,
+        image=Image(width=27, height=24),
+        cross_bar=CrossBar(Field.GRID_I, Field.SCREEN_X, modu=Field.STRENGTH),
+    )
+    assert difference(values, geometry, one, level=level) <= ONE_LEVEL
