@@ -130,6 +130,12 @@ def _is_vector(axes: _Axes, scalar_type: str) -> bool:
     return axes.kind in VECTOR_KINDS and not are_colours(axes.frames, scalar_type)
 
 
+def _value_name(axes: _Axes, component: Component, scalar_type: str) -> str:
+    if _is_vector(axes, scalar_type):
+        return component.value_name()
+    return "" if axes.kind in FRAME_KINDS else f"component {component.number}"
+
+
 def _scalar_type(header: NrrdHeader) -> str:
     scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
     if scalar_type is None:
@@ -151,7 +157,7 @@ def _description(path: Path, header: NrrdHeader, axes: _Axes, chosen: ChosenVolu
         format="NRRD",
         geometry=place.geometry,
         scalar_type=chosen.component.scalar_type(stored),
-        density_name=chosen.component.value_name() if _is_vector(axes, stored) else "",
+        density_name=_value_name(axes, chosen.component, stored),
         unit=place.unit,
         value_unit=header.fields.get("sample units", "").strip('"'),
         anatomical=place.anatomical,
