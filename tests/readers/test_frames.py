@@ -128,10 +128,10 @@ def test_axes_of_which_nothing_is_said_are_a_series(tmp_path: Path) -> None:
     assert "a series of 7 x 6 x 5 x 4 voxels" in refused(path)
 
 
-def test_a_series_as_text_is_refused(tmp_path: Path) -> None:
-    path = nrrd(tmp_path / "t.nrrd", "kinds: space space space time", f"{STEPS} none", SERIES, "ascii")
-    with pytest.raises(BadInput, match="several volumes as text"):
-        open_volume(f"{path}#1")
+@pytest.mark.parametrize(("kind", "what"), [("time", "volumes"), ("vector", "components")])
+def test_a_series_as_text_is_refused(kind: str, what: str, tmp_path: Path) -> None:
+    path = nrrd(tmp_path / "t.nrrd", f"kinds: space space space {kind}", f"{STEPS} none", SERIES, "ascii")
+    assert f"holds several {what} as text, which volsplat cannot tell apart; save it as binary" in refused(f"{path}#1")
 
 
 @pytest.mark.parametrize("extension", [".nii", ".nrrd", ".mha"])

@@ -36,6 +36,7 @@ from volsplat.mapshade_server.readers.reading.stored_voxels import (
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeFormat
 from volsplat.protocol.description.volume import Index, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 _SCALAR_TYPES = {
     "int8": "signed char, int8, int8_t",
@@ -173,7 +174,8 @@ def _description(path: Path, header: NrrdHeader, axes: _Axes, chosen: ChosenVolu
 
 def _opened_text(path: Path, header: NrrdHeader, axes: _Axes, description: VolumeDescription) -> OpenedVolume:
     if axes.frames > 1:
-        raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
+        what = "volumes" if axes.kind in FRAME_KINDS else "components"
+        raise BadInput(f"{path}: holds several {what} as text, which volsplat cannot tell apart; save it as binary")
     pieces = _pieces(header, axes.stored, 1, Packing.RAW)
     text = StoredVoxels(path, axes.stored, np.dtype(description.scalar_type), pieces)
     text.check_there()
