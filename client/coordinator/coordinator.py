@@ -400,7 +400,11 @@ class Coordinator:
             return []
         self.ahead.ends()
         self.holding.assignments.may_move = False
-        return [ReportLoss(f"{error}; {_NO_HEIR}")]
+        return [self._left_missing(error)]
+
+    def _left_missing(self, error: VolsplatError) -> Instruction:
+        self.servers.leave_missing(str(error))
+        return ReportLoss(f"{error}; {_NO_HEIR}")
 
     def _link_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
         """It reaches no splat server; the others may, of whom perhaps none has said so yet."""
@@ -442,7 +446,7 @@ class Coordinator:
         if not holding.settled or (error := assignments.take_refusal()) is None:
             return []
         if not self._all_is_held():
-            return [ReportLoss(f"{error}; {_NO_HEIR}")]
+            return [self._left_missing(error)]
         if not assignments.moving:  # whoever waits for it was told
             return []
         return [ReportProgress(f"{error}; {_ANEW if holding.phase is Phase.EMPTY else _STAY}")]

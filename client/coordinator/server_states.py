@@ -34,6 +34,7 @@ class ServerState:
     alone: bool = False  # no other of its role was there when it was lost
     by_hand: bool = False  # nobody but a person may start another one in its place
     handed_over: bool = False  # others hold what it held, or will when what is on its way is there
+    why_missing: str = ""  # why nobody takes that over
 
     @property
     def name(self) -> str:
@@ -55,10 +56,11 @@ def missing_boxes(servers: Iterable[ServerState]) -> tuple[Box, ...]:
 
 
 def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
-    """One line that says which of these servers were lost, and what of the volume with them."""
+    """One line: which of these servers were lost, what of the volume with them, and why nobody takes that over."""
     lost = [server for server in servers if missing_boxes([server])]
     causes = "; ".join(server.cause for server in lost)
-    return VolumeIncomplete(f"{causes}; {part_of_volume(missing_boxes(lost))} of the volume are missing")
+    why = "".join(f"; nobody takes over: {why}" for why in dict.fromkeys(server.why_missing for server in lost) if why)
+    return VolumeIncomplete(f"{causes}; {part_of_volume(missing_boxes(lost))} of the volume are missing{why}")
 
 
 def handed_over(lost: ServerState) -> str:

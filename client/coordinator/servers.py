@@ -119,12 +119,20 @@ class Servers:
 
     def hand_over(self) -> None:
         """What is missing is being read by others."""
-        self._handing_over = [n for n, state in self.states.items() if missing_boxes([state])]
-        self.note(replace(self.states[n], handed_over=True) for n in self._handing_over)
+        self._handing_over = self._without_heirs()
+        self.note(replace(self.states[n], handed_over=True, why_missing="") for n in self._handing_over)
 
     def take_back(self) -> None:
         """What was handed over last is missing, after all."""
         self.note(replace(self.states[n], handed_over=False) for n in self._handing_over)
+
+    def leave_missing(self, why: str) -> None:
+        """Nobody takes over what is missing."""
+        self.take_back()
+        self.note(replace(self.states[n], why_missing=why) for n in self._without_heirs())
+
+    def _without_heirs(self) -> list[int]:
+        return [n for n, state in self.states.items() if missing_boxes([state])]
 
     def lose(self, server: int, cause: str) -> ServerState | None:
         """It is gone. Its state, if the session needed it: then that is kept."""

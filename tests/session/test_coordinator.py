@@ -64,7 +64,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
 from volsplat.client.coordinator.phase import Phase
-from volsplat.client.coordinator.server_states import ImageIncomplete
+from volsplat.client.coordinator.server_states import ImageIncomplete, losses
 from volsplat.client.coordinator.servers import KEPT_OUT, LOST_AGAIN, MOST_LOSSES, Servers
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
@@ -607,7 +607,9 @@ def test_what_others_cannot_read_is_missing_until_a_server_joins(ahead: bool) ->
         refusal = messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)
     assert NO_HEIR in coordinator.handle(said(SECOND, refusal))
     assert coordinator.servers.missing == (LOWER,)
-    assert ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))) == MISSING
+    why_missing = f"{MISSING}; nobody takes over: no memory"
+    assert losses([*coordinator.servers.states.values()]) == {FIRST: why_missing}
+    assert ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))) == why_missing
     coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
     left = finished(coordinator, 3, [SECOND])
     assert left.outcome is not None and left.outcome.missing == (LOWER,) and not left.outcome.healing
