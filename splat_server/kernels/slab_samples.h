@@ -10,7 +10,9 @@
 
 namespace volsplat {
 
-constexpr int kOpacityLevels = 256;  // of what is not indexed by density
+// Of the opacity that fields other than density give, the finer the nearer it is to 1, where depth is steep: level n of
+// N is 1 - (1 - n / (N - 1))^2.
+constexpr int kOpacityLevels = 256;
 
 struct SlabScene {
     Field cross_bar[4];  // of emit, refl, opac and modu
@@ -48,7 +50,7 @@ struct SlabLight {
 };
 
 // Integrals over tables, from entry 0 to before each: of the depth that density alone gives, and of that times red,
-// green and blue of both colours and times where the middle of its entry lies; and of the depth by 255 times the
+// green and blue of both colours and times where the middle of its entry lies; and of the depth at levels of the
 // opacity that density lacks.
 struct ColourIntegral {
     double emit[3], depth, refl[3], place;

@@ -53,7 +53,7 @@ void SlabShading::take_tables() {
     find_visible(opacity, others);
     DepthIntegrals& depths = depths_[0];
     for (int level = 0; level < kOpacityLevels; ++level) {
-        const double share = level / (kOpacityLevels - 1.0);
+        const double from_opaque = 1 - level / (kOpacityLevels - 1.0), share = 1 - from_opaque * from_opaque;
         depths[0][level] = 0;
         for (int n = 0; n < kTableEntries; ++n) depths[n + 1][level] = depths[n][level] + depth_of(opacity[n] * share);
     }

@@ -250,9 +250,7 @@ class _Slabs:
                 by_density = by_density * entries
             else:
                 others = others * entries[bytes_of[field]][:, None]
-        below = np.minimum(np.floor(255 * others), 254)
-        lower, upper = (_depth(by_density * level / 255) for level in (below, below + 1))
-        return lower + (255 * others - below) * (upper - lower), _depth(by_density)
+        return _depth(by_density * others), _depth(by_density)
 
     def _patched(self, strength: Codes) -> tuple[Array, Array, Array]:
         """Rows of the plane: opacities (n, 256), colours (n, 256, 3)."""

@@ -114,6 +114,15 @@ def test_an_opacity_that_is_the_same_everywhere_weights_colours_whatever_indexes
     assert difference(scene, CUBIC, exact=False).max() <= ONE_LEVEL
 
 
+@pytest.mark.parametrize("slab", [0.25, 1.0])
+def test_opacities_near_1_are_what_they_are_whatever_gives_them(slab: float) -> None:
+    scene = scene_of(OBLIQUE, Reconstruction(slab=slab), cross_bar=CrossBar(modu=Field.GRID_I))
+    steep = ScalarTable(((0.0, 0.9), (0.5, 0.998), (1.0, 1.0)))
+    opaque = ScalarTable(((0.0, 0.0), (0.2, 1.0)))
+    scene = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=opaque, modu=steep))
+    assert difference(scene, CUBIC, exact=False).max() <= 0.1 * ONE_LEVEL
+
+
 def test_patches_are_those_of_the_strength_in_the_middle_of_a_slab() -> None:
     off = difference(scene_of(OBLIQUE, plane=PLANE), SKEWED, exact=False)
     assert (off > ONE_LEVEL).double().mean() <= FEW_TIES  # where a byte is a hair from the next one

@@ -133,7 +133,7 @@ RAINBOW = ColourTable(((0.0, (0.0, 0.0, 1.0)), (0.5, (0.0, 1.0, 0.0)), (1.0, (1.
         (STEEP, (0.3, 0.3), CrossBar(modu=Field.STRENGTH)),  # the same everywhere, and so as good as density's
         ((0.7, 0.7), STEEP, CrossBar(opac=Field.GRID_I, modu=Field.DENSITY)),
         ((0.998, 0.998), (0.9, 0.9), CrossBar(opac=Field.GRID_I, modu=Field.SCREEN_X)),
-        (STEEP, (0.997, 0.9985), CrossBar(modu=Field.GRID_J)),  # nearly opaque, between levels of 1/255
+        (STEEP, (0.997, 0.9985), CrossBar(modu=Field.GRID_J)),  # nearly opaque, where depth is steep
     ],
 )
 def test_it_suffices_for_opacities_that_hardly_change_or_not_at_all(

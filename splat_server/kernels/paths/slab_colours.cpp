@@ -300,7 +300,7 @@ private:
     // By the opacity that is not density's.
     void find_depths(Reals& depths) const {
         Reals others;
-        for (int n = 0; n < count_; ++n) others[n] = kOpacityLevels - 1;
+        for (int n = 0; n < count_; ++n) others[n] = 1;
         for (int table = kOpac; table <= kModu; ++table) {
             if (by_density(table)) continue;
             const double* const entries = table == kOpac ? view_.scene->opac : view_.scene->modu;
@@ -310,7 +310,7 @@ private:
         }
         const DepthIntegrals& integrals = *view_.depths;
         for (int n = 0; n < count_; ++n) {
-            const double place = within(others[n], 0.0, kOpacityLevels - 1.0);
+            const double place = (kOpacityLevels - 1) * (1 - __builtin_sqrt(1 - within(others[n], 0.0, 1.0)));
             const auto level = static_cast<std::int32_t>(least(place, kOpacityLevels - 2.0));
             const auto of_entry = [&](std::int32_t entry) { return integrals[entry] + level; };
             const TwoReals found = integral_to<TwoReals>(high_[n], of_entry) - integral_to<TwoReals>(low_[n], of_entry);
