@@ -220,7 +220,7 @@ class _Slabs:
         found["strength"] = np.minimum(255, size * book.strength_scale * (high - low) / 255) + 0.5
         of_direction = self.shading.bytes_of_directions(_unit(gradient))
         screen = self._on_screen(grid)
-        nearest = np.clip(np.floor(grid + 0.5), 0, np.array(placing.dims) - 1).astype(np.int64)
+        nearest = np.clip(np.floor(grid + 0.5 + 2.0**-20), 0, np.array(placing.dims) - 1).astype(np.int64)
         voxel = placing.in_volume(nearest)
         for n, axis in enumerate("ijk"):
             found[f"grid-{axis}"] = 256 * voxel[:, n] // placing.whole[n]

@@ -34,6 +34,7 @@ from volsplat.protocol.rules.slab_shape import SlabShape
 UNIT, SIGNED_UNIT, WIDE_UNIT = 3000, 1200, 1 << 26  # that integer weights sum to
 LEAST_NARROW_GAIN = 0.25
 MOST_OPAQUE = 1 - 1 / 4096
+ABOVE_TIE = 2.0**-20  # voxels: what lies half-way between two belongs to the upper one, however rounded
 THINNEST = 1e-6  # part of a slab in which all is that shows
 
 
@@ -296,7 +297,7 @@ def _fields(
         )
         component = torch.where(size < 1e-9, 0.0, gradient @ along / size.clamp(min=1e-300))
         found[Field(f"gradient-{letter}")] = (128.5 + 127 * component).floor().clamp(0, 255).long()
-        index = (place[..., axis] + 0.5).floor().clamp(0, geometry.dims[axis] - 1)
+        index = (place[..., axis] + 0.5 + ABOVE_TIE).floor().clamp(0, geometry.dims[axis] - 1)
         found[Field(f"grid-{letter}")] = (256 * index / geometry.dims[axis]).floor().long()
     for dda, letter in zip(plan.screen_index, "xyz", strict=True):
         value = (dda.origin + place @ (2 * torch.tensor(dda.half_steps, dtype=torch.float64))) / 2**FRACTION_BITS

@@ -18,7 +18,8 @@ constexpr double kParallel = 1e-12;
 constexpr double kInside = 1e-6;    // voxels: beyond what rounding may add
 constexpr float kThinnest = 1e-6f;  // part of a slab in which all is that shows
 constexpr float kLeastOpacity = 1e-12f;
-constexpr float kShallow = 0.5f;  // depth from which on the middle of what is seen needs no series
+constexpr double kAboveTie = 0x1p-20;  // voxels: half-way between two the upper one is nearest
+constexpr float kShallow = 0.5f;       // depth from which on the middle of what is seen needs no series
 constexpr int kDepth = 3, kPlace = 3;
 
 typedef double Reals[kAtOnce];
@@ -531,7 +532,8 @@ private:
     void find_grid_bytes(int axis, std::int32_t (&found)[kAtOnce]) const {
         const std::int64_t dim = view_.grid->dims[axis], factor = view_.grid->factors[axis];
         for (int n = 0; n < count_; ++n) {
-            const auto voxel = static_cast<std::int64_t>(within(place_[axis][n], 0.0, static_cast<double>(dim)) + 0.5);
+            const double nearest = within(place_[axis][n], 0.0, static_cast<double>(dim)) + 0.5 + kAboveTie;
+            const auto voxel = static_cast<std::int64_t>(nearest);
             const std::int64_t middle = voxel * factor + factor / 2;
             found[n] = static_cast<std::int32_t>(256 * (middle < dim ? middle : dim - 1) / dim);
         }
