@@ -6,22 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 import torch
-from exactness.test_by_the_book import (
-    FIELDS,
-    MATRICES,
-    PATCHES,
-    ROTATIONS,
-    STRENGTH_SCALE,
-    WINDOW,
-    book,
-    scene,
-    volume,
-)
 from torch import Tensor
 
 from by_the_book.book import SlabBook
 from by_the_book.slabs import draw_slabs
 from reference.level_means import halved, sides_of
+from support.scenes.of_the_book import FIELDS, MATRICES, PATCHES, ROTATIONS, STRENGTH_SCALE, WINDOW, book, scene, volume
 from support.scenes.rendering import rendered
 from tolerances import ONE_LEVEL
 from volsplat.mapshade_server.prepare.layout import halved_geometry
