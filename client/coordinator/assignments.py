@@ -30,7 +30,7 @@ class Assignments:
         self.may_move = True  # until that is refused
         self._before = NOTHING  # what was held when the newest was asked for
         self._refusals: dict[int, int] = {}  # of the newest: what each server that refused it still holds
-        self._untold: VolsplatError | None = None  # why the first has refused it, until somebody is told
+        self._untold: list[str] = []  # why it was refused, each cause once, until somebody is told
 
     @property
     def refused(self) -> bool:
@@ -41,21 +41,20 @@ class Assignments:
         """Ask for another one. `before` is what is held; None where nothing came of the last one."""
         self._before = before or self._before
         self.newest += 1
-        self.current, self.moving, self._refusals, self._untold = self.newest, moving, {}, None
+        self.current, self.moving, self._refusals, self._untold = self.newest, moving, {}, []
 
     def refuse(self, server: int, held: int, error: VolsplatError) -> bool:
         """A server refuses the newest one, and still holds another. True for the first, if somebody waits for it."""
         first = not self._refusals
-        if first:
-            self._untold = error
+        self._untold += [str(error)] if str(error) not in self._untold else []
         self._refusals[server] = held
         self.may_move = self.may_move and not self.moving
         return first and not self.moving
 
-    def take_refusal(self) -> VolsplatError | None:
-        """Why the newest was refused, once."""
-        error, self._untold = self._untold, None
-        return error
+    def take_refusal(self) -> str:
+        """Why the newest was refused, once; empty if it was not."""
+        causes, self._untold = self._untold, []
+        return "; ".join(causes)
 
     def refuse_all(self, servers: Iterable[int], held: int) -> None:
         """Nobody gets anything."""

@@ -158,6 +158,8 @@ class Coordinator:
     def _make_good(self, boxes: Boxes, at_once: bool) -> list[Instruction]:
         """Have what is missing held as part of these boxes."""
         asked = [] if at_once else self.ahead.towards(boxes)
+        if asked:
+            self.servers.note_missing("")
         if asked or (self.ahead.goes_on(boxes) and not at_once) or not self.frames.may_be_whole:
             return asked
         self.servers.hand_over()
@@ -300,7 +302,11 @@ class Coordinator:
 
     @takes(HearingFailed)
     def _hearing_failed(self, event: HearingFailed) -> list[Instruction]:
-        return self._fail(VolsplatError(event.cause))
+        """Others draw without it; one that is started in its place would be heard as little."""
+        lost = self._lose(event.server, event.cause)
+        if self._some_are_left():
+            return lost
+        return self._fail(VolsplatError(f"the session cannot go on: {event.cause}"))
 
     def _some_are_left(self) -> bool:
         """Of both kinds: they can draw by themselves."""
@@ -400,11 +406,11 @@ class Coordinator:
             return []
         self.ahead.ends()
         self.holding.assignments.may_move = False
-        return [self._left_missing(error)]
+        return [self._left_missing(str(error))]
 
-    def _left_missing(self, error: VolsplatError) -> Instruction:
-        self.servers.leave_missing(str(error))
-        return ReportLoss(f"{error}; {_NO_HEIR}")
+    def _left_missing(self, why: str) -> Instruction:
+        self.servers.note_missing(why)
+        return ReportLoss(f"{why}; {_NO_HEIR}")
 
     def _link_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
         """It reaches no splat server; the others may, of whom perhaps none has said so yet."""
@@ -443,13 +449,14 @@ class Coordinator:
     def _tell_refused(self) -> list[Instruction]:
         """Once all have answered: what becomes of an assignment that somebody has refused, and why."""
         holding, assignments = self.holding, self.holding.assignments
-        if not holding.settled or (error := assignments.take_refusal()) is None:
+        if not holding.settled or not (why := assignments.take_refusal()):
             return []
         if not self._all_is_held():
-            return [self._left_missing(error)]
+            self.servers.take_back()
+            return [self._left_missing(why)]
         if not assignments.moving:  # whoever waits for it was told
             return []
-        return [ReportProgress(f"{error}; {_ANEW if holding.phase is Phase.EMPTY else _STAY}")]
+        return [ReportProgress(f"{why}; {_ANEW if holding.phase is Phase.EMPTY else _STAY}")]
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:

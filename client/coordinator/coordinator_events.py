@@ -86,8 +86,9 @@ class NobodyJoined:
 
 @dataclass(frozen=True)
 class HearingFailed:
-    """By an error of the client's own, nobody hears a server any more; another one would be heard as little."""
+    """By an error of the client's own, nobody hears a server any more."""
 
+    server: int
     cause: str
 
 

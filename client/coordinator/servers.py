@@ -126,9 +126,8 @@ class Servers:
         """What was handed over last is missing, after all."""
         self.note(replace(self.states[n], handed_over=False) for n in self._handing_over)
 
-    def leave_missing(self, why: str) -> None:
-        """Nobody takes over what is missing."""
-        self.take_back()
+    def note_missing(self, why: str) -> None:
+        """Why nobody takes over what is missing; empty if somebody may, after all."""
         self.note(replace(self.states[n], why_missing=why) for n in self._without_heirs())
 
     def _without_heirs(self) -> list[int]:

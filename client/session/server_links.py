@@ -229,11 +229,10 @@ class ServerLinks:
             cause = self._heard_until_lost(connection, heard)
             self._let_go(peer, outgoing, cause)
         except Exception as error:  # in our own code, or in what a script has us call: nobody may wait for this server
-            self._local.let_end()
-            told = f"{peer} is heard no more"
-            self._on_event(HearingFailed(f"the session cannot go on: {told}: {type(error).__name__}: {error}"))
+            self._on_event(HearingFailed(peer.id, f"{peer} is heard no more: {type(error).__name__}: {error}"))
             connection.close()
-            log.exception("%s", told)  # which can fail as well
+            self._forget(peer, outgoing)
+            log.exception("%s is heard no more", peer)  # which can fail as well
             return
         if by_hand and not self._closing:
             self._wait_for_another(peer, cause)
@@ -271,19 +270,22 @@ class ServerLinks:
 
     def _let_go(self, peer: Peer, outgoing: Outgoing, cause: str) -> None:
         """A server is lost."""
-        if peer.id not in self._leaving:  # who leaves ends by itself
-            self._local.end(peer.name)
-        with self._lock:
-            del self._connections[peer.id], self._outgoing[peer.id]
-            self._images.pop(peer.id, None)
-            self._left.notify_all()
-        outgoing.end()
+        self._forget(peer, outgoing)
         if self._tracer is not None:
             self._tracer.lost(peer.id)
         self._log("server_left", cause, peer)
         if not (self._closing or peer.id in self._leaving):
             self._counts.add("losses", of=str(peer.role))
         self._on_event(ServerLost(peer.id, cause))
+
+    def _forget(self, peer: Peer, outgoing: Outgoing) -> None:
+        if peer.id not in self._leaving:  # who leaves ends by itself
+            self._local.end(peer.name)
+        with self._lock:
+            for of_servers in (self._connections, self._outgoing, self._images):
+                of_servers.pop(peer.id, None)
+            self._left.notify_all()
+        outgoing.end()
 
     def _wait_for_another(self, lost: Peer, cause: str) -> None:
         """Of its role, if there is none; whoever starts servers by hand, or a network that was cut, takes a while."""

@@ -45,6 +45,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FailSession,
     FrameAsked,
     GiveAnswer,
+    HearingFailed,
     Instruction,
     MessageReceived,
     NobodyJoined,
@@ -643,17 +644,16 @@ def test_what_one_takes_over_and_another_refuses_is_told_once_both_have_answered
     assert sent(asked) == [(server, messages.ReadSubCubes) for server in (SECOND, LATE.server)]
 
 
-def test_what_all_refuse_to_take_over_is_told_once() -> None:
+@pytest.mark.parametrize("causes", [("no memory", "no memory"), ("no memory", "no such file")])
+def test_what_all_refuse_to_take_over_is_told_once_with_each_cause(causes: tuple[str, str]) -> None:
     coordinator = shared_by_three()
     lose_first(coordinator)
     told = [
         one
-        for server in (SECOND, LATE.server)
-        for one in coordinator.handle(
-            said(server, messages.Refused("ChangeSubCubes", "no memory", assignment=3, held=2))
-        )
+        for server, cause in zip((SECOND, LATE.server), causes, strict=True)
+        for one in coordinator.handle(said(server, messages.Refused("ChangeSubCubes", cause, assignment=3, held=2)))
     ]
-    assert told == [NO_HEIR]
+    assert told == [ReportLoss(f"{'; '.join(dict.fromkeys(causes))}; nobody takes over what was lost")]
 
 
 def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
@@ -665,6 +665,30 @@ def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> 
     read_ahead(coordinator, coordinator.handle(ServerLost(SECOND, "it is gone as well")))
     coordinator.handle(said(LATE.server, messages.Refused("ChangeSubCubes", "no memory", assignment=4, held=3)))
     assert coordinator.servers.missing == lost
+
+
+def test_a_refusal_to_read_ahead_leaves_an_earlier_loss_made_good() -> None:
+    coordinator = shared_by_three()
+    lose_first(coordinator)
+    for server in (SECOND, LATE.server):
+        coordinator.handle(said(server, messages.VoxelsPacked(3, 1, 0.1)))
+    lost = tuple(coordinator.holding.boxes[SECOND])
+    coordinator.handle(ServerLost(SECOND, "it is gone as well"))
+    coordinator.handle(said(LATE.server, messages.Refused("ReadAhead", "no memory", held=3)))
+    assert coordinator.servers.missing == lost
+    assert losses([*coordinator.servers.states.values()])[SECOND].endswith("nobody takes over: no memory")
+    told = [one for event in joins(replace(LATE, server=9)) for one in coordinator.handle(event)]
+    assert "nobody" not in losses([*coordinator.servers.states.values()])[SECOND], "somebody reads it"
+    parts = boxes_told(read_ahead(coordinator, told))
+    assert sum(box.voxels for boxes in parts.values() for box in boxes) == ALL.voxels
+
+
+def test_a_server_that_an_error_keeps_from_being_heard_is_lost_where_others_are_left() -> None:
+    coordinator = drawing()
+    told = coordinator.handle(HearingFailed(FIRST, GONE))
+    assert ReportLoss(HANDED_OVER) in told and coordinator.failure is None
+    coordinator.handle(HearingFailed(SECOND, "server 1 is heard no more"))
+    assert str(coordinator.failure) == "the session cannot go on: server 1 is heard no more"
 
 
 def test_one_that_joins_gets_a_part_between_two_frames() -> None:
