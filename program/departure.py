@@ -81,7 +81,8 @@ class Departure:
             client, before = self._client, came
             if client is not None:
                 came = client, client.came
-                quiet = 0 if client.unread or came != before else quiet + 1
+                heard = came != before or (client.unread and not client.hung_up)  # its end is to be read for ever
+                quiet = 0 if heard else quiet + 1
                 if quiet == LOOKS_IN_SILENCE:
                     _end_without(client)
         log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)

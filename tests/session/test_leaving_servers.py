@@ -85,9 +85,10 @@ WITHOUT = "this server ends without it"
             [UNTIL, f"it is lost; {WITHOUT}"],
             EXIT_TERMINATED,
         ),
+        ("tell_to_end(); says_so.wait(); theirs.close()", [UNTIL, SILENT + WITHOUT], EXIT_TERMINATED),
         ("tell_to_end(); says_so.wait(); client.close()", [UNTIL], 0),
     ],
-    ids=["gone", "lost", "silent", "lost meanwhile", "ends the session"],
+    ids=["gone", "lost", "silent", "lost meanwhile", "gone meanwhile", "ends the session"],
 )
 def test_a_server_at_work_whose_client_hears_it_no_more_ends_and_says_no_more_than_why(
     happens: str, said: list[str], status: int
