@@ -2,6 +2,7 @@
 
 import functools
 import gzip
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.open_volume import parts_of
 from volsplat.mapshade_server.readers.reading.part_options import index_in
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import BYTES_BESIDE, Voxels
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
@@ -227,6 +228,20 @@ def test_components_that_are_packed_one_after_the_other_are_unpacked_once_each(t
     box, before = reader.describe().geometry.box, bytes_read()
     np.testing.assert_array_equal(reader.read(box), magnitude(values))
     assert bytes_read() - before < 3 * path.stat().st_size
+
+
+def test_one_of_many_components_is_taken_without_all_of_them_in_memory(tmp_path: Path) -> None:
+    """However thin the sheets are."""
+    values = np.random.default_rng(1).integers(0, 99, (1000, 4, 4, 256)).astype(np.float32)
+    reader = open_volume(f"{nrrd(tmp_path / 'v.nrrd', values, 'list')}#200")
+    tracemalloc.start()
+    try:
+        voxels = reader.read(reader.describe().geometry.box)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(voxels, values[..., 200])
+    assert peak < voxels.nbytes + 2 * BYTES_BESIDE < values.nbytes / 3
 
 
 @pytest.mark.parametrize("kind", ["RGB-color", "HSV-color", "point", "list"])

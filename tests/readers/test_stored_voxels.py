@@ -1,4 +1,6 @@
-"""Compressed voxels that are read from the first sheet to the last are unpacked once."""
+"""Compressed voxels that are read from the first sheet to the last are unpacked once; what is made of voxels is made
+of as many sheets at a time as fit.
+"""
 
 import gzip
 import zlib
@@ -13,7 +15,7 @@ from hypothesis import strategies as st
 from volsplat.mapshade_server.readers.reading import stored_voxels, unpacked_stream
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing, UnpackedStream
-from volsplat.mapshade_server.readers.reading.volume_reader import voxel_room
+from volsplat.mapshade_server.readers.reading.volume_reader import BYTES_BESIDE, Voxels, by_sheets, voxel_room
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
@@ -76,6 +78,22 @@ def test_zeros_after_a_stream_are_padding(
     path.write_bytes(path.read_bytes() + b"no stream")
     with pytest.raises(zlib.error):
         UnpackedStream(path, 0, Packing.DEFLATE).drain(1 << 20)
+
+
+@pytest.mark.parametrize("numbers", [1, 3, 1024])
+@pytest.mark.parametrize("box", [Box((1, 2, 3), (5, 6, 70_001)), Box((0, 0, 5), (300, 300, 12))])
+def test_as_many_sheets_as_fit_are_made_at_a_time_and_at_least_one(box: Box, numbers: int) -> None:
+    made: list[Box] = []
+
+    def numbered(part: Box) -> Voxels:
+        made.append(part)
+        return np.broadcast_to(np.arange(part.low[2], part.high[2])[:, None, None], part.size[::-1])
+
+    voxels = by_sheets("voxels", "float32", numbered, numbers)(box)
+    assert (voxels == np.arange(box.low[2], box.high[2])[:, None, None]).all()
+    sheet_bytes = box.size[0] * box.size[1] * numbers * 8
+    assert all(part.size[2] == 1 or part.size[2] * sheet_bytes <= BYTES_BESIDE for part in made)
+    assert all((part.size[2] + 1) * sheet_bytes > BYTES_BESIDE for part in made[:-1])
 
 
 def test_a_box_larger_than_the_memory_names_a_cure_that_there_is() -> None:

@@ -65,14 +65,16 @@ class Component:
             numbers = every(Box((i0 * self.count, j0, k0), (i1 * self.count, j1, k1)))
             return (numbers[..., n :: self.count] for n in self.taken)
 
-        return by_sheets(path, self.scalar_type(stored), lambda box: self.of(taken(box), stored))
+        return by_sheets(path, self.scalar_type(stored), lambda box: self.of(taken(box), stored), self.count)
 
     def of_separate(self, path: Path, stored: str, each: Sequence[ReadBox]) -> ReadBox:
         """Reads what is drawn if each component lies apart, as `each` of those that are `taken` reads it."""
         if self.number is not None:
             (only,) = each
             return only
-        return by_sheets(path, self.scalar_type(stored), lambda box: self.of((read(box) for read in each), stored))
+        return by_sheets(
+            path, self.scalar_type(stored), lambda box: self.of((read(box) for read in each), stored), self.count
+        )
 
 
 def are_colours(count: int, scalar_type: str) -> bool:

@@ -21,6 +21,8 @@ ReadBox = Callable[[Box], Voxels]
 # The scalar types that a volume may have, by their torch names, which are numpy's too.
 SCALAR_TYPES = tuple(SCALAR_BYTES)
 
+BYTES_BESIDE = 2 << 20  # of what sheets are made of: with less, calls cost more than voxels if sheets are thin
+
 
 class VolumeReader(Protocol):
     """One opened volume. Its methods raise BadInput if the file turns out to be unusable."""
@@ -98,14 +100,17 @@ def boxes_of(whole: Callable[[], Voxels]) -> ReadBox:
     return lambda box: kept()[box.slices()].copy()
 
 
-def by_sheets(source: object, scalar_type: str, read: ReadBox) -> ReadBox:
-    """Reads boxes of this type as `read` has their voxels, sheet by sheet, which bounds what it needs beside them."""
+def by_sheets(source: object, scalar_type: str, read: ReadBox, numbers: int = 1) -> ReadBox:
+    """Reads boxes of this type as `read` has their voxels, as many sheets at a time as fit into BYTES_BESIDE.
+
+    `numbers` is how many a voxel is made of; they count as float64, which they are reckoned with as.
+    """
 
     def sheets(box: Box) -> Voxels:
-        (i0, j0, k0), (i1, j1, _) = box
         voxels = voxel_room(box, scalar_type, source)
-        for k, sheet in enumerate(voxels, k0):
-            sheet[...] = read(Box((i0, j0, k), (i1, j1, k + 1)))[0]
+        sheet_bytes = box.size[0] * box.size[1] * numbers * SCALAR_BYTES["float64"]
+        for some in box.layers(2, max(1, BYTES_BESIDE // sheet_bytes), box.low[2]):
+            voxels[some.slices(box.low)] = read(some)
         return voxels
 
     return sheets
