@@ -253,7 +253,7 @@ def _told_missing(dataset: Any) -> list[str]:
     missing = sources_without(dataset)
     if not missing:
         return []
-    every = len(set(files_beside(dataset)))
+    every = len(files_beside(dataset))
     if len(missing) == every:
         own, files = dataset.file.filename, listed(missing)
         raise BadInput(f"{own}: its voxels are in files that are not there, or lack them: {files}; put them beside it")

@@ -19,14 +19,19 @@ MOST_HOPS = 16  # from link to link, as HDF5 has it
 
 
 def files_beside(dataset: Any) -> list[str]:
-    """The names of the files that hold its values; none where these lie in its own."""
+    """The names of the files that hold its values, each once; none where these lie in its own."""
     virtual = [_meant(source.file_name) for source in dataset.virtual_sources()] if dataset.is_virtual else []
-    return [*virtual, *(name for name, _, _ in dataset.external or ())]
+    return list(dict.fromkeys([*virtual, *(name for name, _, _ in dataset.external or ())]))
 
 
 def _meant(name: str) -> str:
     """A virtual dataset writes a percent sign twice."""
     return name.replace("%%", "%")
+
+
+def is_numbered(name: str) -> bool:
+    """Whether a virtual dataset writes one name so for many."""
+    return "%b" in name.replace("%%", "")
 
 
 def check_files_beside(dataset: Any) -> None:
@@ -46,7 +51,7 @@ def sources_without(dataset: Any) -> list[str]:
         return []
     taken: defaultdict[str, set[str]] = defaultdict(set)  # by file
     for source in dataset.virtual_sources():
-        if not any("%b" in name.replace("%%", "") for name in (source.file_name, source.dset_name)):
+        if not (is_numbered(source.file_name) or is_numbered(source.dset_name)):
             taken[_meant(source.file_name)].add(_meant(source.dset_name))
     return [name for name, paths in taken.items() if not _holds(Path(dataset.file.filename), name, paths)]
 

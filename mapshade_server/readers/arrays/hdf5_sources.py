@@ -8,11 +8,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
-from volsplat.mapshade_server.readers.arrays.hdf5_names import MOST_HOPS, SAME_FILE, check_way, found_beside
+from volsplat.mapshade_server.readers.arrays.hdf5_names import (
+    MOST_HOPS,
+    SAME_FILE,
+    check_way,
+    found_beside,
+    is_numbered,
+)
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.protocol.text.errors import BadInput
 
-MOST_WAYS = 100_000  # by which a dataset takes its values from others
+MOST_WAYS = 100_000  # by which a dataset takes its values through others, or from numbered ones
 
 Part = tuple[range, ...]  # of a dataset, by axis
 
@@ -64,18 +70,19 @@ def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Collection[Part]]
 def value_files(path: Path, name: str) -> list[Path]:
     """The files that hold the values of this name in a file, or lead to them; the file itself first.
 
-    Raises BadInput if a dataset takes them from others by far too many ways: HDF5 goes each to read or close it.
+    Raises BadInput if a dataset takes them from others by far too many ways: HDF5 goes each to read or close it. Those
+    that it names one by one itself are as many as its file holds, and do not count.
     """
     passed: list[Path] = []
     level, ways = Counter({_Source(path, SAME_FILE, name): 1}), 0
-    for _ in range(MOST_HOPS + 1):
+    for hop in range(MOST_HOPS + 1):
         onward = Counter[_Source]()
         for source, times in level.items():
             for one in _opened(source, passed):
                 passed += _own_files(one)
-                for further, _ in _named(one, _all_of(one)) if one.is_virtual else ():
+                for further, taken in _named(one, _all_of(one)) if one.is_virtual else ():
                     onward[further] += times
-                    ways += times
+                    ways += times if hop or taken.into is None else 0
                     if ways > MOST_WAYS:
                         raise _too_many(path)
         level = onward
@@ -120,7 +127,8 @@ def _named(dataset: Any, wanted: Part) -> Iterator[tuple[_Source, _Taken]]:
         into = _selected(space, h5s) or _Selected(_all_of(dataset), whole=True) if endless is None else None
         taken = _Taken(_selected(told.get_virtual_srcspace(n), h5s), into)
         file, path = told.get_virtual_filename(n), told.get_virtual_dsetname(n)
-        for number in [0] if endless is None else _numbers(space, endless, wanted):
+        numbered = is_numbered(file) or is_numbered(path)
+        for number in _numbers(space, endless, wanted) if numbered and endless is not None else [0]:
             yield _Source(own, _numbered(file, number), _numbered(path, number)), taken
 
 
@@ -168,8 +176,8 @@ def _numbered(name: str, number: int) -> str:
 
 
 def _selected(space: Any, h5s: Any) -> _Selected | None:
-    """None for all of it."""
-    if space.get_select_type() == h5s.SEL_ALL:
+    """None for all of it, and if it has no end."""
+    if space.get_select_type() == h5s.SEL_ALL or _endless_axis(space, h5s) is not None:
         return None
     box = tuple(range(low, high + 1) for low, high in zip(*space.get_select_bounds(), strict=True))
     return _Selected(box, whole=space.get_select_npoints() == math.prod(map(len, box)))

@@ -10,6 +10,7 @@ import pytest
 
 from support.files.opened import described, read_whole
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.arrays import hdf5_sources
 from volsplat.protocol.text.errors import BadInput
 
 h5py = pytest.importorskip("h5py")
@@ -62,6 +63,72 @@ def test_by_however_many_ways_values_come_they_are_looked_at_once(
         values = volume.read(volume.describe().geometry.box)
     assert np.array_equal(values, VALUES)
     assert len(opened) <= 6  # one for each level
+
+
+def looks(monkeypatch: pytest.MonkeyPatch, name: str, volume: str) -> int:
+    """How often a file of this name is asked after while the volume is opened."""
+    looked, real = list[Path](), Path.stat
+
+    def counting(place: Path, **more: Any) -> Any:
+        looked.append(place)
+        return real(place, **more)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "stat", counting)
+        described(volume)
+    return sum(place.name == name for place in looked)
+
+
+def whole(layout: Any, source: Any) -> None:
+    layout[...] = source
+
+
+def test_a_file_is_looked_for_as_often_however_many_sheets_come_from_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with h5py.File(tmp_path / "source.h5", "w") as file:
+        file["v"] = VALUES
+    for take in (whole, sheets):
+        layout = h5py.VirtualLayout(SHAPE, VALUES.dtype)
+        take(layout, h5py.VirtualSource("source.h5", "v", SHAPE))
+        with h5py.File(tmp_path / f"{take.__name__}.h5", "w", libver="latest") as file:
+            file.create_virtual_dataset("v", layout)
+    once, in_sheets = (looks(monkeypatch, "source.h5", f"{tmp_path / name}.h5") for name in ("whole", "sheets"))
+    assert 0 < in_sheets == once
+
+
+@pytest.mark.parametrize(("count", "most"), [(1, 1), (2, 64), (3, 64 + 512)])
+def test_ways_are_counted_only_from_the_second_virtual_dataset_on(
+    count: int, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the first one are as many as its file holds, and HDF5 does not multiply them."""
+    named = levels(tmp_path / "v.h5", count, sheets)
+    monkeypatch.setattr(hdf5_sources, "MOST_WAYS", most)
+    assert np.array_equal(read_whole(named), VALUES)
+    if count > 1:
+        monkeypatch.setattr(hdf5_sources, "MOST_WAYS", most - 1)
+        with pytest.raises(BadInput, match=f"by more than {most - 1} ways"):
+            described(named)
+
+
+def test_turns_without_end_are_one_way_if_they_are_not_numbered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two datasets whose sheets follow each other in turn, as many as they have."""
+    endless, half = h5py.h5s.UNLIMITED, len(VALUES) // 2
+    creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    with h5py.File(tmp_path / "v.h5", "w", libver="latest") as file:
+        for first in range(2):
+            file.create_dataset(f"half{first}", data=VALUES[first::2], maxshape=(None, 8, 8))
+            into = h5py.h5s.create_simple(SHAPE, (endless, 8, 8))
+            of = h5py.h5s.create_simple((half, 8, 8), (endless, 8, 8))
+            into.select_hyperslab((first, 0, 0), (endless, 1, 1), (2, 1, 1), (1, 8, 8))
+            of.select_hyperslab((0, 0, 0), (endless, 1, 1), (1, 1, 1), (1, 8, 8))
+            creation.set_virtual(into, b".", f"half{first}".encode(), of)
+        extent = h5py.h5s.create_simple(SHAPE, (endless, 8, 8))
+        h5py.h5d.create(file.id, b"v", h5py.h5t.NATIVE_UINT16, extent, creation)
+    monkeypatch.setattr(hdf5_sources, "MOST_WAYS", 2)
+    assert np.array_equal(read_whole(f"{tmp_path / 'v.h5'}#v"), VALUES)
 
 
 @pytest.mark.parametrize("take", [sheets, overlapping])
