@@ -54,14 +54,13 @@ def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Collection[Part]]
     level = _asked(dataset, [wanted])
     for _ in range(MOST_HOPS):
         onward = defaultdict[_Source, set[tuple[_Taken, Part]]](set)
-        for source, asked in level.items():
-            for one in _opened(source, []):
-                parts = {_needed(one, *each) for each in asked}
-                if not one.is_virtual:
-                    yield one, parts
-                    continue
-                for further, each in _asked(one, parts).items():
-                    onward[further] |= each
+        for source, one in _opened(level, []):
+            parts = {_needed(one, *each) for each in level[source]}
+            if not one.is_virtual:
+                yield one, parts
+                continue
+            for further, each in _asked(one, parts).items():
+                onward[further] |= each
         level = onward
     if level:
         raise _endless(dataset.file.filename)
@@ -77,14 +76,13 @@ def value_files(path: Path, name: str) -> list[Path]:
     level, ways = Counter({_Source(path, SAME_FILE, name): 1}), 0
     for hop in range(MOST_HOPS + 1):
         onward = Counter[_Source]()
-        for source, times in level.items():
-            for one in _opened(source, passed):
-                passed += _own_files(one)
-                for further, taken in _named(one, _all_of(one)) if one.is_virtual else ():
-                    onward[further] += times
-                    ways += times if hop or taken.into is None else 0
-                    if ways > MOST_WAYS:
-                        raise _too_many(path)
+        for source, one in _opened(level, passed):
+            passed += _own_files(one)
+            for further, taken in _named(one, _all_of(one)) if one.is_virtual else ():
+                onward[further] += level[source]
+                ways += level[source] if hop or taken.into is None else 0
+                if ways > MOST_WAYS:
+                    raise _too_many(path)
         level = onward
     if level:
         raise _endless(path)
@@ -132,18 +130,25 @@ def _named(dataset: Any, wanted: Part) -> Iterator[tuple[_Source, _Taken]]:
             yield _Source(own, _numbered(file, number), _numbered(path, number)), taken
 
 
-def _opened(source: _Source, passed: list[Path]) -> Iterator[Any]:
-    """The dataset while it is looked at, none if it is not there; the files on the way to it are added to `passed`."""
-    place = source.own if source.file == SAME_FILE else found_beside(source.own, source.file)
-    if place is None:
-        return
-    check_is_file(place)
-    if not h5py().is_hdf5(place):
-        return
-    with suppress(OSError), hdf5_file(place) as file:  # cut short, it has nothing
-        passed += [place, *check_way(file, source.path)]
-        if isinstance(one := file.get(source.path), h5py().Dataset):
-            yield one
+def _opened(level: Iterable[_Source], passed: list[Path]) -> Iterator[tuple[_Source, Any]]:
+    """Those datasets that are there, each while it is looked at; the files on the way to them are added to `passed`."""
+    by_file = defaultdict[tuple[Path, str], list[_Source]](list)
+    for source in level:
+        by_file[source.own, source.file].append(source)
+    for (own, name), each in by_file.items():
+        place = own if name == SAME_FILE else found_beside(own, name)
+        if place is None:
+            continue
+        check_is_file(place)
+        if not h5py().is_hdf5(place):
+            continue
+        with suppress(OSError), hdf5_file(place) as file:  # cut short, it has nothing
+            passed.append(place)
+            for source in each:
+                with suppress(OSError):  # of those that are damaged
+                    passed += check_way(file, source.path)
+                    if isinstance(one := file.get(source.path), h5py().Dataset):
+                        yield source, one
 
 
 def _endless_axis(space: Any, h5s: Any) -> int | None:

@@ -97,6 +97,24 @@ def test_a_file_is_looked_for_as_often_however_many_sheets_come_from_it(
     assert 0 < in_sheets == once
 
 
+def test_a_file_is_opened_as_often_however_many_datasets_come_from_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = []
+    for count in (1, 8):
+        layout, parts = h5py.VirtualLayout(SHAPE, VALUES.dtype), np.split(VALUES, count)
+        with h5py.File(tmp_path / f"source{count}.h5", "w") as file:
+            for n, part in enumerate(parts):
+                file[f"part{n}"] = part
+                layout[n * len(part) : (n + 1) * len(part)] = h5py.VirtualSource(file[f"part{n}"])
+        with h5py.File(tmp_path / f"v{count}.h5", "w", libver="latest") as file:
+            file.create_virtual_dataset("v", layout)
+        with counted_files(monkeypatch) as places:
+            assert np.array_equal(read_whole(f"{tmp_path / f'v{count}.h5'}"), VALUES)
+        opened.append([place.name for place in places].count(f"source{count}.h5"))
+    assert 0 < opened[1] == opened[0]
+
+
 @pytest.mark.parametrize(("count", "most"), [(1, 1), (2, 64), (3, 64 + 512)])
 def test_ways_are_counted_only_from_the_second_virtual_dataset_on(
     count: int, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
