@@ -20,8 +20,14 @@ MOST_HOPS = 16  # from link to link, as HDF5 has it
 
 def files_beside(dataset: Any) -> list[str]:
     """The names of the files that hold its values, each once; none where these lie in its own."""
-    virtual = [_meant(source.file_name) for source in dataset.virtual_sources()] if dataset.is_virtual else []
+    virtual = [_meant(file) for file, _ in _named(dataset)] if dataset.is_virtual else []
     return list(dict.fromkeys([*virtual, *(name for name, _, _ in dataset.external or ())]))
+
+
+def _named(dataset: Any) -> Iterator[tuple[str, str]]:
+    """The file and path of each mapping of a virtual dataset, as they are written."""
+    told = dataset.id.get_create_plist()
+    return ((told.get_virtual_filename(n), told.get_virtual_dsetname(n)) for n in range(told.get_virtual_count()))
 
 
 def _meant(name: str) -> str:
@@ -50,9 +56,9 @@ def sources_without(dataset: Any) -> list[str]:
     if not dataset.is_virtual or PREFIX in os.environ:
         return []
     taken: defaultdict[str, set[str]] = defaultdict(set)  # by file
-    for source in dataset.virtual_sources():
-        if not (is_numbered(source.file_name) or is_numbered(source.dset_name)):
-            taken[_meant(source.file_name)].add(_meant(source.dset_name))
+    for file, path in _named(dataset):
+        if not (is_numbered(file) or is_numbered(path)):
+            taken[_meant(file)].add(_meant(path))
     return [name for name, paths in taken.items() if not _holds(Path(dataset.file.filename), name, paths)]
 
 

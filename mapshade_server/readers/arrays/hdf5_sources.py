@@ -78,9 +78,9 @@ def value_files(path: Path, name: str) -> list[Path]:
         onward = Counter[_Source]()
         for source, one in _opened(level, passed):
             passed += _own_files(one)
-            for further, taken in _named(one, _all_of(one)) if one.is_virtual else ():
+            for number, further in _ways(one) if one.is_virtual else ():
                 onward[further] += level[source]
-                ways += level[source] if hop or taken.into is None else 0
+                ways += level[source] if hop or number else 0
                 if ways > MOST_WAYS:
                     raise _too_many(path)
         level = onward
@@ -124,10 +124,24 @@ def _named(dataset: Any, wanted: Part) -> Iterator[tuple[_Source, _Taken]]:
             continue
         into = _selected(space, h5s) or _Selected(_all_of(dataset), whole=True) if endless is None else None
         taken = _Taken(_selected(told.get_virtual_srcspace(n), h5s), into)
-        file, path = told.get_virtual_filename(n), told.get_virtual_dsetname(n)
-        numbered = is_numbered(file) or is_numbered(path)
-        for number in _numbers(space, endless, wanted) if numbered and endless is not None else [0]:
-            yield _Source(own, _numbered(file, number), _numbered(path, number)), taken
+        for source in _sources_of(own, told, n, wanted):
+            yield source, taken
+
+
+def _ways(dataset: Any) -> Iterator[tuple[int, _Source]]:
+    """All sources of a virtual dataset, each with its number among those that one mapping names."""
+    own, told, everything = Path(dataset.file.filename), dataset.id.get_create_plist(), _all_of(dataset)
+    for n in range(told.get_virtual_count()):
+        yield from enumerate(_sources_of(own, told, n, everything))
+
+
+def _sources_of(own: Path, told: Any, n: int, wanted: Part) -> Iterator[_Source]:
+    """What the n-th of a virtual dataset's mappings names, each of them if they are numbered without end."""
+    file, path, numbers = told.get_virtual_filename(n), told.get_virtual_dsetname(n), range(1)
+    if is_numbered(file) or is_numbered(path):
+        numbers = _numbers(told.get_virtual_vspace(n), wanted)
+    for number in numbers:
+        yield _Source(own, _numbered(file, number), _numbered(path, number))
 
 
 def _opened(level: Iterable[_Source], passed: list[Path]) -> Iterator[tuple[_Source, Any]]:
@@ -166,8 +180,10 @@ def _is_near(space: Any, wanted: Part) -> bool:
     return all(low < one.stop and one.start <= high for low, high, one in zip(lows, highs, wanted, strict=True))
 
 
-def _numbers(space: Any, axis: int, wanted: Sequence[range]) -> range:
-    """Of the blocks of a selection without end on this axis those that may be wanted."""
+def _numbers(space: Any, wanted: Sequence[range]) -> range:
+    """Of the blocks of a selection without end those that may be wanted."""
+    if (axis := _endless_axis(space, h5py().h5s)) is None:
+        return range(1)
     starts, strides, _, sizes = space.get_regular_hyperslab()
     if sizes[axis] == h5py().h5s.UNLIMITED:
         return range(1)
