@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import psutil
@@ -296,9 +297,13 @@ def test_what_moves_is_drawn_by_the_finest_step_lit_and_smooth(page: Page) -> No
     page.evaluate("() => { window.volsplatViewport.log.length = 0; }")
     page.mouse.move(x, y)
     page.mouse.down()
-    for n in range(40):
-        page.mouse.move(x + n, y)
-    page.wait_for_function("() => window.volsplatViewport.log.length > 3")
+    places = itertools.cycle(range(40))
+
+    def moves_on() -> bool:  # moves that come while a picture is drawn are one
+        page.mouse.move(x + next(places), y)
+        return bool(page.evaluate("() => window.volsplatViewport.log.length > 3"))
+
+    until(page, moves_on)
     steps = set(page.evaluate("() => window.volsplatViewport.log.map((picture) => picture.step)"))
     page.mouse.up()
     assert steps == {"F"}
