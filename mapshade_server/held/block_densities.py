@@ -1,6 +1,6 @@
 """The least and greatest density in each block of a sub-cube's voxel packets: where something may be seen."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,18 @@ def block_densities(packets: NDArray[np.uint32]) -> BlockDensities:
 
 
 def _of_sheet(packets: NDArray[np.uint32]) -> tuple[Bytes, Bytes]:
-    density, lacking = packets.astype(np.uint8), -(packets >> NO_DATA_BIT).astype(np.uint8)  # all bits, or none
-    return _reduced(np.minimum, density | lacking), _reduced(np.maximum, density & ~lacking)
+    return extremes(packets.astype(np.uint8), -(packets >> NO_DATA_BIT).astype(np.uint8), BLOCK)
 
 
-def _reduced(extreme: np.ufunc, sheet: Bytes) -> Bytes:
-    lines = extreme.reduce(sheet, axis=0)
-    for axis, length in enumerate(lines.shape):
-        lines = extreme.reduceat(lines, np.arange(0, length, BLOCK), axis=axis)
-    return np.asarray(lines, np.uint8)
+def extremes(values: Bytes, hidden: Bytes | None, block: int) -> tuple[Bytes, Bytes]:
+    """The least and the greatest in a sheet of blocks (k, j, i), without what is hidden: what has all bits set there."""
+    least, greatest = (values, values) if hidden is None else (values | hidden, values & ~hidden)
+    return by_block(np.minimum, least, block), by_block(np.maximum, greatest, block)
+
+
+def by_block(reduce: np.ufunc, values: NDArray[Any], block: int) -> Bytes:
+    """Over all k, and over blocks along j and i."""
+    sheet = reduce.reduce(values, axis=0)
+    for axis in (0, 1):
+        sheet = reduce.reduceat(sheet, np.arange(0, sheet.shape[axis], block), axis=axis)
+    return np.asarray(sheet, np.uint8)

@@ -1,15 +1,13 @@
 """The least and greatest bytes of each brick's voxels, and whether it is stored, for leaving out what is not seen."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from volsplat.mapshade_server.held.block_densities import Bytes, by_block, extremes
 from volsplat.mapshade_server.held.packet_store import BRICK_FIELDS, STORED, Packets
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 
 DENSITY, STRENGTH, TOP = 0, 1, 3  # bytes of a packet, little-endian
 TOP_NO_DATA = 1 << (NO_DATA_BIT - 24)
-
-Bytes = NDArray[np.uint8]
 
 
 def brick_extents(packets: Packets, brick: int, background: int) -> Bytes:
@@ -26,16 +24,6 @@ def brick_extents(packets: Packets, brick: int, background: int) -> Bytes:
         hidden = np.where(no_data, np.uint8(255), np.uint8(0)) if no_data.any() else None
         for at, field in ((0, DENSITY), (2, STRENGTH)):
             values = np.ascontiguousarray(fields[..., field])
-            extents[n, ..., at] = _by_brick(np.minimum, values if hidden is None else values | hidden, brick)
-            extents[n, ..., at + 1] = _by_brick(np.maximum, values if hidden is None else values & ~hidden, brick)
-        extents[n, ..., STORED] = _by_brick(np.logical_or, sheets != background, brick)
+            extents[n, ..., at], extents[n, ..., at + 1] = extremes(values, hidden, brick)
+        extents[n, ..., STORED] = by_block(np.logical_or, sheets != background, brick)
     return extents
-
-
-def _by_brick(reduce: np.ufunc, values: Bytes, brick: int) -> Bytes:
-    """Over all k, and over bricks along j and i."""
-    sheet = reduce.reduce(values, axis=0)
-    for axis in (0, 1):
-        sheet = reduce.reduceat(sheet, np.arange(0, sheet.shape[axis], brick), axis=axis)
-    reduced: Bytes = sheet
-    return reduced
