@@ -143,8 +143,6 @@ class Coordinator:
         holding, newcomers = self.holding, self.servers.idle()
         if holding.volume is None:
             return []
-        if not self._all_is_held():
-            self.servers.take_back()  # others refused it
         description = holding.description
         where = description.geometry, description.chunk
         if missing := self.servers.missing:
