@@ -656,11 +656,17 @@ def test_what_all_refuse_to_take_over_is_told_once_with_each_cause(causes: tuple
     assert told == [ReportLoss(f"{'; '.join(dict.fromkeys(causes))}; nobody takes over what was lost")]
 
 
-def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
+def taken_over_by_two() -> CheckedCoordinator:
+    """As the first of three was lost."""
     coordinator = shared_by_three()
     lose_first(coordinator)
     for server in (SECOND, LATE.server):
         coordinator.handle(said(server, messages.VoxelsPacked(3, 1, 0.1)))
+    return coordinator
+
+
+def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
+    coordinator = taken_over_by_two()
     lost = tuple(coordinator.holding.boxes[SECOND])
     read_ahead(coordinator, coordinator.handle(ServerLost(SECOND, "it is gone as well")))
     coordinator.handle(said(LATE.server, messages.Refused("ChangeSubCubes", "no memory", assignment=4, held=3)))
@@ -668,10 +674,7 @@ def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> 
 
 
 def test_a_refusal_to_read_ahead_leaves_an_earlier_loss_made_good() -> None:
-    coordinator = shared_by_three()
-    lose_first(coordinator)
-    for server in (SECOND, LATE.server):
-        coordinator.handle(said(server, messages.VoxelsPacked(3, 1, 0.1)))
+    coordinator = taken_over_by_two()
     lost = tuple(coordinator.holding.boxes[SECOND])
     coordinator.handle(ServerLost(SECOND, "it is gone as well"))
     coordinator.handle(said(LATE.server, messages.Refused("ReadAhead", "no memory", held=3)))
