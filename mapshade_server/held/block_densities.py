@@ -30,7 +30,7 @@ def _of_sheet(packets: NDArray[np.uint32]) -> tuple[Bytes, Bytes]:
 
 
 def extremes(values: Bytes, hidden: Bytes | None, block: int) -> tuple[Bytes, Bytes]:
-    """The least and the greatest in a sheet of blocks (k, j, i), without what is hidden: what has all bits set there."""
+    """The least and the greatest in a sheet of blocks (k, j, i), without what is hidden: that has all bits set."""
     least, greatest = (values, values) if hidden is None else (values | hidden, values & ~hidden)
     return by_block(np.minimum, least, block), by_block(np.maximum, greatest, block)
 
