@@ -30,12 +30,10 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.invitations import Invitations
-from volsplat.splat_server.merge import Merge
-from volsplat.splat_server.merge_events import FrameDropped, FrameStarted
 from volsplat.splat_server.merge_news import MergeNews, News
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.slabs import slabs_of
-from volsplat.splat_server.worker_links import WorkerLinks, carried_out
+from volsplat.splat_server.worker_links import WorkerLinks
 
 NEWS_SECONDS = 0.002  # between two news of the merge, and more if maps of closed tiles are large
 NEWS_RATE = 100e6  # bytes a second, over all links
@@ -89,9 +87,7 @@ class SplatServer:
         self._counts = counts or Counts()
         self._owners = Owners(threads)
         self._news = Bell()  # rings whenever there is something for the working thread to look at
-        self._readable = Bell()  # rings whenever a link that is held back may be read
         self._lock = threading.Lock()  # guards what follows
-        self._merge = Merge()
         self._requests: deque[messages.Message | None] = deque()  # None: the session is over
         self._over = False
         self._another = False  # the client ended the session, and begins another one at once
@@ -104,9 +100,7 @@ class SplatServer:
 
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
-        self._worker_links = WorkerLinks(
-            data_links, invitations, self._merge, self._lock, self._readable, self._news, self._heartbeat
-        )
+        self._worker_links = WorkerLinks(data_links, invitations, self._news, self._heartbeat)
         self._merge_news = MergeNews()
         self._outbox = Outbox(client, image_sent=self._news.ring, failed=self._end)
 
@@ -177,9 +171,8 @@ class SplatServer:
         frame.assembly.note_owners(frame.spans, frame.began)
         self._worker_links.note_taken(frame.number)
         frame.spans.note("requests", f"frame {frame.number}", frame.came, clock())
-        with self._lock:
-            frame.lost = self._merge.lost
         links = self._worker_links
+        frame.lost = links.lost
         stats = frame.assembly.stats(
             links.received(frame.number),
             frame.planned - frame.began,
@@ -289,26 +282,19 @@ class SplatServer:
         regions = regions_of(request.regions, self._client.id)
         block = self._outbox.images.target(assembly.published_bytes(regions))
         sources = sum(request.workers.values())
-        assembly.begin(regions, sources, self._news, self._readable, block=block, traced=request.traced)
+        assembly.begin(regions, sources, self._news, self._worker_links.readable, block=block, traced=request.traced)
         planned = time.perf_counter()
         self._frame = _Frame(request, assembly, block, spans, came, began, planned)
         spans.note("requests", "wait for its turn", came, began)
         spans.note("requests", "plan", began, planned)
-        with self._lock:  # what is held goes before all that comes
-            instructions = self._merge.handle(FrameStarted(request.frame, request.workers, assembly.splat))
-            refused = carried_out(instructions)
-        self._worker_links.follow_merge()
-        for refusal_of in refused:
-            self._worker_links.cut_off(refusal_of)
+        self._worker_links.start_frame(request.frame, request.workers, assembly.splat)
 
     def _refuse_frame(self, request: messages.RenderFrame, error: Exception) -> None:
         self._abort(request.frame)  # its batches are on their way or here
         self._outbox.post(refusal(request, error))
 
     def _abort(self, number: int) -> None:
-        with self._lock:
-            self._merge.handle(FrameDropped(number))
-        self._worker_links.follow_merge()
+        self._worker_links.drop_frame(number)
         frame = self._frame
         if frame is not None and frame.number <= number:
             if frame.drawing:

@@ -9,6 +9,7 @@ import os
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Mapping
 
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
@@ -19,7 +20,7 @@ from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.heartbeat import HELD, Heartbeat
 from volsplat.protocol.wire.listener import Listener
-from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
+from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget, SplatFrame
 from volsplat.splat_server.batch_decoder import decoded
 from volsplat.splat_server.came_batches import Came
 from volsplat.splat_server.invitations import Invitations
@@ -27,6 +28,8 @@ from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
     BatchArrived,
     BufferedBatch,
+    FrameDropped,
+    FrameStarted,
     Instruction,
     RefuseBatch,
     WorkerLinked,
@@ -49,25 +52,15 @@ LOOK_SECONDS = 1.0  # between two looks of a link that is held back, if nothing 
 class WorkerLinks:
     """Takes links and their batches until it is closed."""
 
-    def __init__(
-        self,
-        listener: Listener,
-        invitations: Invitations,
-        merge: Merge,
-        lock: threading.Lock,
-        readable: Bell,
-        news: Bell,
-        heartbeat: Heartbeat,
-    ) -> None:
-        """`lock` guards the merge and all that is here. `readable` rings if links that are held back should look,
-        `news` if `look_at_channels` should be called."""
+    def __init__(self, listener: Listener, invitations: Invitations, news: Bell, heartbeat: Heartbeat) -> None:
+        """`news` rings if `look_at_channels` should be called."""
         self._listener = listener
         self._invitations = invitations
-        self._merge = merge
-        self._lock = lock
-        self._readable = readable
         self._news = news
         self._heartbeat = heartbeat
+        self.readable = Bell()  # rings if links that are held back should look
+        self._lock = threading.Lock()  # guards what follows
+        self._merge = Merge()
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
         self._came: dict[int, Came] = {}  # by worker, over its newest link
         self._budgets: dict[int, ReadBudget] = {}  # by worker
@@ -93,7 +86,7 @@ class WorkerLinks:
         with self._lock:
             links, came = list(self._links.values()), list(self._came.values())
             self._links.clear()
-            self._readable.ring()
+            self.readable.ring()
         for link in links:
             link.close()
         for one in came:
@@ -103,7 +96,7 @@ class WorkerLinks:
         """Close the links of workers that the client does without: some may be frozen, and never close theirs."""
         with self._lock:
             dropped = [link for worker, link in self._links.items() if worker not in self._invitations]
-            self._readable.ring()
+            self.readable.ring()
         for link in dropped:
             link.close()
 
@@ -112,6 +105,26 @@ class WorkerLinks:
         with self._lock:
             self._held_back.clear()
             self._unserved = None
+
+    def start_frame(self, frame: int, workers: Mapping[int, int], into: SplatFrame) -> None:
+        """Have the frame's batches pushed: `workers` has so many walkers of each."""
+        with self._lock:  # what is held goes before all that comes
+            refused = carried_out(self._merge.handle(FrameStarted(frame, workers, into)))
+            self._follow_merge()
+        for refusal in refused:
+            self._cut_off(refusal)
+
+    def drop_frame(self, frame: int) -> None:
+        """Of this one and all before nothing is pushed any more."""
+        with self._lock:
+            self._merge.handle(FrameDropped(frame))
+            self._follow_merge()
+
+    @property
+    def lost(self) -> list[int]:
+        """Workers that the running frame must do without."""
+        with self._lock:
+            return self._merge.lost
 
     def check_served(self) -> None:
         """Raises RuntimeError where a worker has come since the frame began for whom there was no thread."""
@@ -151,11 +164,10 @@ class WorkerLinks:
             by_socket = {worker: link for worker, link in self._links.items() if self._came[worker].taker is None}
             return [by_socket[worker] for worker in self._merge.unfinished(by_socket.keys())]
 
-    def follow_merge(self) -> None:
+    def _follow_merge(self) -> None:
         """The merge has gone on to another frame, or dropped one: so do those who take batches out of channels."""
-        with self._lock:
-            for worker, came in self._came.items():
-                came.follow(self._merge.part_of(worker), self._traces)
+        for worker, came in self._came.items():
+            came.follow(self._merge.part_of(worker), self._traces)
 
     def look_at_channels(self) -> None:
         """Cut off who broke the rules there, and do without who has gone on to a later frame."""
@@ -173,7 +185,7 @@ class WorkerLinks:
                     came.give_up()  # before its sources end: its other walkers may have sent more of the older frame
                     self._merge.handle(WorkerWentOn(worker, frame))
         for refusal in refused:
-            self.cut_off(refusal)
+            self._cut_off(refusal)
 
     def note_taken(self, frame: int) -> None:
         """Note when the finished frame's batches were taken out of channels."""
@@ -183,14 +195,14 @@ class WorkerLinks:
             for worker, (began, ended) in taken:
                 self.spans(frame).note(_row(worker), "take", began, ended)
 
-    def cut_off(self, refusal: RefuseBatch) -> None:
+    def _cut_off(self, refusal: RefuseBatch) -> None:
         """Close the link of a worker that broke the rules; its thread then tells the merge of the loss."""
         with self._lock:
             link = self._links.get(refusal.worker)
         if link is not None:
             self._listener.lines.warn(f"{_broken(link, refusal.fault)}; the connection is closed")
             link.close()
-            self._readable.ring()
+            self.readable.ring()
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
@@ -209,8 +221,8 @@ class WorkerLinks:
                 came.give_up()
             self._links[link.peer.id], self._came[link.peer.id] = link, Came()
             self._merge.handle(WorkerLinked(link.peer.id))
-            self._budgets.setdefault(link.peer.id, ReadBudget(CONNECTION_BUDGET, self._readable))
-            self._readable.ring()
+            self._budgets.setdefault(link.peer.id, ReadBudget(CONNECTION_BUDGET, self.readable))
+            self.readable.ring()
         if replaced is not None:
             replaced.close()
         if came is not None:
@@ -269,7 +281,7 @@ class WorkerLinks:
         worker, began = link.peer.id, time.perf_counter()
         held_back = False
         while True:
-            heard = self._readable.rung
+            heard = self.readable.rung
             with self._lock:
                 if not self._in_use(link):
                     return False
@@ -280,7 +292,7 @@ class WorkerLinks:
                         self.spans(self._came[worker].frame).note(_row(worker), "held back", began, ended)
                     return True
             held_back = True
-            self._readable.wait(heard, LOOK_SECONDS)
+            self.readable.wait(heard, LOOK_SECONDS)
 
     def _may_read(self, link: Connection) -> bool:
         """Raises RemoteProtocolError if the worker's walkers are too far apart."""

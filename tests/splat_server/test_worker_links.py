@@ -2,7 +2,6 @@
 
 import secrets
 import socket
-import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 
@@ -20,7 +19,6 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server._kernels import Bell
 from volsplat.splat_server.invitations import Invitations
-from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.worker_links import FRAMES_NOTED, WorkerLinks
 
 KEY = secrets.token_bytes(messages.WORKER_KEY_BYTES)
@@ -43,11 +41,8 @@ class Bench:
     @contextmanager
     def taking(self) -> Iterator[WorkerLinks]:
         heartbeat = Heartbeat()
-        with closing(heartbeat):
-            lock, bells = threading.Lock(), (Bell(), Bell())
-            links = WorkerLinks(self.listener, self.invitations, Merge(), lock, *bells, heartbeat)
-            with closing(links):
-                yield links
+        with closing(heartbeat), closing(WorkerLinks(self.listener, self.invitations, Bell(), heartbeat)) as links:
+            yield links
 
 
 @pytest.fixture
