@@ -6,7 +6,8 @@ import socket
 import time
 from collections.abc import Callable
 
-from volsplat.program.departure import Departure
+from volsplat.program.departure import WITHOUT_CLIENT, Departure
+from volsplat.program.exit_status import EXIT_TERMINATED
 from volsplat.program.server_process import ServerOptions
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
@@ -37,7 +38,7 @@ class Clients:
         if options.wait_at is not None:
             self._port = WaitingPort(role, options.wait_at, options.token, self._allocate, options.encryption)
         self._lost = False  # the client before; or nobody came
-        self._found = False
+        self._client: Connection | None = None  # that was found last
         self._departure = Departure()
         self._departure.watch()
         if self._port is not None:
@@ -63,7 +64,7 @@ class Clients:
                 allocate=self._allocate,
                 report=lambda error: self._tell_why_it_waits(error, patience),
             )
-        self._found = True
+        self._client = client
         self._departure.attend(client)
         return client
 
@@ -78,29 +79,33 @@ class Clients:
         """Serve one client after the other by `one`, which finds it by next(), and returns whether it comes again.
 
         Ends where a client has ended its session, unless the server is resident; then where none comes; and by SIGTERM
-        (see departure). Raises what says why there was none, or why it was lost.
+        (see departure), with a line and a status of its own if its client broke the protocol. Raises what says why
+        there was none, or why it was lost.
         """
         lost: PeerLost | RemoteProtocolError | None = None
         short, again = 0, False
         told, last_seen = "", time.monotonic()  # a client was there, or this server began
         while True:
-            self._found = False
+            self._client = None
             began = time.monotonic()
             try:
                 again = one()
                 lost = None
             except (PeerLost, RemoteProtocolError) as error:
                 short = short + 1 if time.monotonic() - began < SHORT_SECONDS else 0
-                if not self._found or (short == MOST_SHORT and not self._options.resident):
+                if self._client is None or (short == MOST_SHORT and not self._options.resident):
                     raise lost or error from error
                 lost = error
             except BadInput as error:
-                if not self._options.resident or (not self._found and began - last_seen > self._options.keep):
+                if not self._options.resident or (self._client is None and began - last_seen > self._options.keep):
                     raise
                 lost = PeerLost(str(error))
-            if self._found:
+            if self._client is not None:
                 told, last_seen = "", time.monotonic()
             self._departure.attend(None)
+            if self._departure.begun and lost is not None and self._client is not None and self._client.broken:
+                log.warning(WITHOUT_CLIENT, lost)
+                raise SystemExit(EXIT_TERMINATED)
             if self._departure.begun or (lost is None and not (again or self._options.resident)):
                 return
             self._lost = lost is not None

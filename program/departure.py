@@ -13,6 +13,7 @@ import threading
 import time
 from contextlib import suppress
 from types import FrameType
+from typing import NoReturn
 
 from volsplat.program.exit_status import EXIT_TERMINATED
 from volsplat.protocol.messages.session_messages import LeaveSession
@@ -22,6 +23,7 @@ from volsplat.protocol.wire.connection import Connection
 LEAVE_SECONDS = 25.0  # for the client: engines give 30 between SIGTERM and SIGKILL
 LEAVING_SILENCE = 1.5  # seconds, of the client: about three signs of life are missing, and the server is gone within 2
 LOOKS_IN_SILENCE = 6
+WITHOUT_CLIENT = "%s; this server ends without it"
 
 log = logging.getLogger(__name__)
 
@@ -62,6 +64,8 @@ class Departure:
         _wait_for_sigterm(signals)
         with self._lock:
             self._begun, client = True, self._client
+        if client is not None and client.broken:
+            _end_for(client.loss)
         if client is not None and (client.loss or client.hung_up):  # who would have others take over is gone
             os._exit(EXIT_TERMINATED)
         if client is not None:
@@ -103,7 +107,11 @@ def _end_without(client: Connection) -> None:
     if client.closed and not client.loss:  # it has let this server go
         os._exit(0)
     silent = f"{client} has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off"
-    log.warning("%s; this server ends without it", client.loss or silent)
+    _end_for(client.loss or silent)
+
+
+def _end_for(loss: str) -> NoReturn:
+    log.warning(WITHOUT_CLIENT, loss)
     os._exit(EXIT_TERMINATED)
 
 

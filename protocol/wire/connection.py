@@ -70,6 +70,7 @@ class Connection:
         self._gate = threading.Lock()  # guards _closed and _users
         self._closed = False
         self._loss = ""  # why, where it was not this side that wished it
+        self._broken = False  # the other end broke the protocol
         self._users = 0  # calls that are inside the socket; the last one out of a closed connection frees it
         with suppress(OSError):  # macOS sets none where the peer has gone already; receive() will tell
             set_options(connected)
@@ -92,6 +93,11 @@ class Connection:
     def loss(self) -> str:
         """Why it was closed, unless this side wished it."""
         return self._loss
+
+    @property
+    def broken(self) -> bool:
+        """Whether it was closed since the other end broke the protocol."""
+        return self._broken
 
     @property
     def may_share_memory(self) -> bool:
@@ -248,7 +254,8 @@ class Connection:
         except ConnectionClosed:
             return None
         except RemoteProtocolError as error:
-            self.close()
+            self._broken = True
+            self.give_up(f"{self} broke the protocol: {error}")
             raise RemoteProtocolError(f"{self} broke the protocol: {error}") from error
         except OSError as error:
             lost = self._lost(error)

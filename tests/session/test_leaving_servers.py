@@ -35,6 +35,7 @@ from volsplat.protocol.messages.session_messages import (
     MachineDescribed,
 )
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.framing import MAGIC
 from volsplat.protocol.wire.heartbeat import Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
@@ -49,7 +50,7 @@ BUSY = """
 import logging, os, signal, socket, threading
 from contextlib import suppress
 from volsplat.program.departure import Departure
-from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.connection import Connection
 
 ours, theirs = socket.socketpair()
@@ -61,8 +62,13 @@ says_so = threading.Event()
 logging.getLogger("volsplat.program.departure").addFilter(lambda line: says_so.set() or True)
 
 def receive():
-    with suppress(PeerLost):
+    with suppress(PeerLost, RemoteProtocolError):
         client.receive()
+
+def breaks_the_protocol():
+    theirs.sendall(bytes(16))
+    receive()
+    assert client.closed
 
 def tell_to_end():
     os.kill(os.getpid(), signal.SIGTERM)
@@ -72,6 +78,7 @@ threading.Event().wait()  # it is at work, and has not seen yet what became of i
 """
 SILENT = f"the client has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off; "
 WITHOUT = "this server ends without it"
+BROKEN = f"the client broke the protocol: magic is 0x00000000, but volsplat's is 0x{MAGIC:08x}; {WITHOUT}"
 
 
 @pytest.mark.parametrize(
@@ -79,6 +86,7 @@ WITHOUT = "this server ends without it"
     [
         ("theirs.close(); tell_to_end()", [], EXIT_TERMINATED),
         ("theirs.close(); receive(); assert client.closed; tell_to_end()", [], EXIT_TERMINATED),
+        ("breaks_the_protocol(); tell_to_end()", [BROKEN], EXIT_TERMINATED),
         ("tell_to_end()", [UNTIL, SILENT + WITHOUT], EXIT_TERMINATED),
         (
             "tell_to_end(); says_so.wait(); client.give_up('it is lost')",
@@ -86,9 +94,19 @@ WITHOUT = "this server ends without it"
             EXIT_TERMINATED,
         ),
         ("tell_to_end(); says_so.wait(); theirs.close()", [UNTIL, SILENT + WITHOUT], EXIT_TERMINATED),
+        ("tell_to_end(); says_so.wait(); breaks_the_protocol()", [UNTIL, BROKEN], EXIT_TERMINATED),
         ("tell_to_end(); says_so.wait(); client.close()", [UNTIL], 0),
     ],
-    ids=["gone", "lost", "silent", "lost meanwhile", "gone meanwhile", "ends the session"],
+    ids=[
+        "gone",
+        "lost",
+        "broke the protocol",
+        "silent",
+        "lost meanwhile",
+        "gone meanwhile",
+        "breaks the protocol",
+        "ends the session",
+    ],
 )
 def test_a_server_at_work_whose_client_hears_it_no_more_ends_and_says_no_more_than_why(
     happens: str, said: list[str], status: int
@@ -241,6 +259,17 @@ def client_that_keeps(program: str, begin: str = "") -> Iterator[tuple["subproce
                 process.send_signal(signal.SIGTERM)
                 assert said_by(client) == LeaveSession()
                 yield process, client
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_one_whose_client_breaks_the_protocol_before_it_lets_go_says_so(
+    program: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with client_that_keeps(program) as (process, client):
+        client._socket.sendall(bytes(16))
+        assert process.wait(PATIENCE) == EXIT_TERMINATED
+    said = capfd.readouterr().err.splitlines()[-1]
+    assert "broke the protocol: magic is 0x00000000" in said and said.endswith(WITHOUT)
 
 
 @pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
