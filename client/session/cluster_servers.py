@@ -17,7 +17,7 @@ from volsplat.protocol.wire.tokens import Token
 
 
 class ClusterServers:
-    """Joins them to a session until it is closed."""
+    """Joins them to a session until it has failed or is closed."""
 
     here = False
     replaced = True
@@ -38,6 +38,7 @@ class ClusterServers:
         self._tunnels: Tunnels | None = None
         self._calls: ClusterCalls | None = None
         self._watch: ClusterWatch | None = None
+        self._closed = False
 
     @property
     def workers(self) -> int:
@@ -80,6 +81,8 @@ class ClusterServers:
         self._watch = ClusterWatch(self._running, self._state, self._tunnels, links, self._reasons, self._report)
         self._calls.begin()
         self._watch.begin()
+        if self._closed:  # the session has failed meanwhile
+            self.close()
 
     @contextmanager
     def beginning(self) -> Iterator[None]:
@@ -93,7 +96,8 @@ class ClusterServers:
             raise
 
     def close(self) -> None:
-        """The session ends: look for no more servers."""
+        """Look for no more servers."""
+        self._closed = True
         self._reasons.close()
         if self._calls is not None:
             self._calls.close()

@@ -48,11 +48,16 @@ class Coordination:
     """
 
     def __init__(
-        self, tracer: FrameTracer | None, on_progress: Callable[[str], None], on_loss: Callable[[str], None]
+        self,
+        tracer: FrameTracer | None,
+        on_progress: Callable[[str], None],
+        on_loss: Callable[[str], None],
+        on_failure: Callable[[], None],
     ) -> None:
+        """`on_failure` is called by any thread, perhaps more than once."""
         self.frames = AskedFrames()
         self._tracer = tracer
-        self._on_progress, self._on_loss = on_progress, on_loss
+        self._on_progress, self._on_loss, self._on_failure = on_progress, on_loss, on_failure
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the thread's; others may look at its server_states
         self._answers = LateAnswers()
@@ -134,6 +139,7 @@ class Coordination:
         self.frames.fail(error)
         self._answers.fail(error)
         self._volume_known.set()
+        self._on_failure()
 
     def _coordinate(self, links: ServerLinks) -> None:
         try:

@@ -134,7 +134,7 @@ class Session(Renderer):
         )
         try:
             self._tracer = None if trace is None else FrameTracer(Path(trace))
-            self._coordination = Coordination(self._tracer, on_progress, on_loss)
+            self._coordination = Coordination(self._tracer, on_progress, on_loss, self._servers.close)
         except BaseException:
             self._servers.release()  # or no other session of this process may use the cluster
             raise

@@ -69,7 +69,7 @@ class SessionServers(Protocol):
         """The name of a file or folder as it is told to them."""
 
     def close(self) -> None:
-        """The session ends: none is looked for any more."""
+        """The session ends, or has failed: none is looked for any more. Any thread may call it, more than once."""
 
     def release(self) -> None:
         """The session has ended."""

@@ -39,7 +39,7 @@ from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.forecast import Size
 from volsplat.protocol.messages.messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, PeerLost
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import parse_address
 from volsplat.protocol.wire.calling import call
@@ -324,6 +324,21 @@ def test_a_client_dials_one_server_first_so_that_no_two_clients_wait_for_each_ot
             assert session.finish(session.default_scene()).complete
     finally:
         assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+@pytest.mark.parametrize("cluster", ["local, waiting"], indirect=True)
+def test_a_session_that_has_failed_looks_for_no_more_servers(person: Person, cluster: Path) -> None:
+    with Session(person.folder / "no.nrrd", cluster=cluster) as session:
+        with pytest.raises(VolsplatError, match="no.nrrd"):
+            session.default_scene()
+        assert any(map(looks_for_servers, threading.enumerate()))  # each call lasts as long as its connection
+        for server in processes(person):
+            os.kill(server, signal.SIGKILL)
+        wait_until(lambda: not any(map(looks_for_servers, threading.enumerate())), "does it leave them alone")
+
+
+def looks_for_servers(thread: threading.Thread) -> bool:
+    return thread.name.startswith("call ") or thread.name == "watch the cluster"
 
 
 @pytest.mark.parametrize("speaks", [True, False])
