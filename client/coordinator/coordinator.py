@@ -21,7 +21,6 @@ from volsplat.client.coordinator.coordinator_events import (
     FailSession,
     FrameAsked,
     GiveAnswer,
-    HearingFailed,
     Instruction,
     MessageReceived,
     NobodyJoined,
@@ -33,6 +32,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerLost,
     ServerProcessEnded,
     ServersMissing,
+    ServingFailed,
     VolumeAsked,
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
@@ -298,9 +298,9 @@ class Coordinator:
             return []
         return self._fail(PeerLost(event.cause))
 
-    @takes(HearingFailed)
-    def _hearing_failed(self, event: HearingFailed) -> list[Instruction]:
-        """Others draw without it; one that is started in its place would be heard as little."""
+    @takes(ServingFailed)
+    def _serving_failed(self, event: ServingFailed) -> list[Instruction]:
+        """Others draw without it; one that is started in its place would be served as little."""
         lost = self._lose(event.server, event.cause)
         if self._some_are_left():
             return lost

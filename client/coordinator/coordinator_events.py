@@ -85,8 +85,8 @@ class NobodyJoined:
 
 
 @dataclass(frozen=True)
-class HearingFailed:
-    """By an error of the client's own, nobody hears a server any more."""
+class ServingFailed:
+    """By an error of the client's own, nobody hears a server any more, or nothing more is sent to it."""
 
     server: int
     cause: str
@@ -195,7 +195,7 @@ Event = (
     | ServerProcessEnded
     | ServersMissing
     | NobodyJoined
-    | HearingFailed
+    | ServingFailed
     | MessageReceived
     | VolumeAsked
     | FrameAsked

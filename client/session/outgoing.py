@@ -32,17 +32,20 @@ class Outgoing:
     def __init__(
         self,
         connection: Connection,
-        failed: Callable[[messages.Message, VolsplatError], None],
+        refused: Callable[[messages.Message, LocalProtocolError], None],
+        lost: Callable[[Exception], None],
         sent: Callable[[messages.Message, float], None] = _nothing,
     ) -> None:
-        """`failed` is called by the sending thread, with LocalProtocolError where nothing was sent and the rest goes
-        on; `sent` by the one that has sent it, with the moment at which that began.
+        """The sending thread calls `refused` where nothing was sent and the rest goes on, and `lost` once where nothing
+        more is: by an error of the connection, or one that nobody has foreseen. `sent` is called by the thread that has
+        sent it, with the moment at which that began.
         """
         self._connection = connection
-        self._failed = failed
+        self._refused, self._lost = refused, lost
         self._sent = sent
+        self._changed = threading.Condition()  # guards what follows
         self._posted: deque[_Posted] = deque()
-        self._changed = threading.Condition()  # guards _posted, _sending and _ended
+        self._fault: Exception | None = None  # unforeseen, of what was to leave at once
         self._sending = False
         self._ended = False
         threading.Thread(target=self._send_posted, name=f"send to {connection.peer}", daemon=True).start()
@@ -52,7 +55,8 @@ class Outgoing:
             if isinstance(message, messages.RenderFrame):
                 newer = [posted for posted in self._posted if not isinstance(posted.message, OF_ONE_FRAME)]
                 self._posted = deque(newer)
-            if not (self._ended or self._posted or self._sending) and self._leaves_at_once(message, payload):
+            idle = not (self._ended or self._fault or self._posted or self._sending)
+            if idle and self._leaves_at_once(message, payload):
                 return
             self._posted.append(_Posted(message, payload))
             self._changed.notify_all()
@@ -72,6 +76,14 @@ class Outgoing:
             self._changed.notify_all()
 
     def _leaves_at_once(self, message: messages.Message, payload: tuple[memoryview, ...]) -> bool:
+        try:
+            return self._is_sent_at_once(message, payload)
+        except Exception as error:  # whatever it is: the sending thread tells of it
+            self._fault = error
+            self._changed.notify_all()
+            return True
+
+    def _is_sent_at_once(self, message: messages.Message, payload: tuple[memoryview, ...]) -> bool:
         began = time.perf_counter()
         try:
             if any(part.nbytes for part in payload) or not self._connection.send_at_once(message):
@@ -82,26 +94,32 @@ class Outgoing:
         return True
 
     def _send_posted(self) -> None:
-        while (posted := self._next()) is not None:
-            began = time.perf_counter()
-            try:
-                self._connection.send(posted.message, *posted.payload)
-                self._sent(posted.message, began)
-            except LocalProtocolError as error:
-                self._failed(posted.message, error)
-            except ConnectionClosed:
-                self.end()
-            except VolsplatError as error:
-                self.end()
-                self._failed(posted.message, error)
-            del posted  # a payload's memory is used again once nobody holds it
+        try:
+            while (posted := self._next()) is not None:
+                self._send(posted)
+                del posted  # a payload's memory is used again once nobody holds it
+        except ConnectionClosed:
+            self.end()
+        except Exception as error:  # whatever it is: nobody else sends
+            self.end()
+            self._lost(error)
+
+    def _send(self, posted: _Posted) -> None:
+        began = time.perf_counter()
+        try:
+            self._connection.send(posted.message, *posted.payload)
+            self._sent(posted.message, began)
+        except LocalProtocolError as error:
+            self._refused(posted.message, error)
 
     def _next(self) -> _Posted | None:
         with self._changed:
             self._sending = False
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._ended or self._posted)
+            self._changed.wait_for(lambda: self._ended or self._fault or self._posted)
             if self._ended:
                 return None
+            if self._fault is not None:
+                raise self._fault
             self._sending = True
             return self._posted.popleft()

@@ -12,13 +12,13 @@ from collections.abc import Callable
 
 from volsplat.client.coordinator.coordinator_events import (
     Event,
-    HearingFailed,
     MessageReceived,
     NobodyJoined,
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
     ServersMissing,
+    ServingFailed,
 )
 from volsplat.client.coordinator.server_states import ANOTHER_SECONDS
 from volsplat.client.session.image_receiver import ImageReceiver
@@ -45,6 +45,7 @@ from volsplat.protocol.wire.tokens import Token
 log = logging.getLogger(__name__)
 
 TRACED = (messages.RenderFrame, messages.ReadImage, messages.FrameMapped, messages.FrameFinished, messages.ImageRead)
+HEARD_NO_MORE, SENT_NO_MORE = "is heard no more", "is sent nothing more"
 FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
 
 
@@ -217,7 +218,8 @@ class ServerLinks:
         try:
             outgoing = Outgoing(
                 connection,
-                lambda message, error: self._unsent(peer, message, error),
+                lambda message, error: self._refuse(peer, message, error),
+                lambda error: self._lose_unsent(connection, error),
                 lambda message, began: self._note(f"to {_brief(peer)}", message, began),
             )
         except RuntimeError as error:  # likewise
@@ -229,10 +231,9 @@ class ServerLinks:
             cause = self._heard_until_lost(connection, heard)
             self._let_go(peer, outgoing, cause)
         except Exception as error:  # in our own code, or in what a script has us call: nobody may wait for this server
-            self._on_event(HearingFailed(peer.id, f"{peer} is heard no more: {type(error).__name__}: {error}"))
-            connection.close()
+            self._tell_fault(connection, HEARD_NO_MORE, error)
             self._forget(peer, outgoing)
-            log.exception("%s is heard no more", peer)  # which can fail as well
+            log.exception("%s %s", peer, HEARD_NO_MORE)  # which can fail as well
             return
         if by_hand and not self._closing:
             self._wait_for_another(peer, cause)
@@ -365,12 +366,22 @@ class ServerLinks:
         ended = self._local.told_ends([peer.name]) if OWN_OUTPUT in str(error) else {}
         return str(error).replace(OWN_OUTPUT, f"it {ended[peer.name]}") if ended else str(error)
 
-    def _unsent(self, peer: Peer, message: messages.Message, error: VolsplatError) -> None:
-        if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it
-            refused = refusal(message, error)
-            self._on_event(MessageReceived(peer.id, refused, memoryview(b""), time.perf_counter()))
-        else:
-            self._on_event(ServerLost(peer.id, self._cause_of_loss(peer, error)))
+    def _refuse(self, peer: Peer, message: messages.Message, error: LocalProtocolError) -> None:
+        """Nothing of it went out: as if the server had refused it."""
+        self._on_event(MessageReceived(peer.id, refusal(message, error), memoryview(b""), time.perf_counter()))
+
+    def _lose_unsent(self, connection: Connection, error: Exception) -> None:
+        if isinstance(error, VolsplatError):
+            self._on_event(ServerLost(connection.peer.id, self._cause_of_loss(connection.peer, error)))
+            return
+        self._tell_fault(connection, SENT_NO_MORE, error)
+        log.error("%s %s", connection.peer, SENT_NO_MORE, exc_info=error)
+
+    def _tell_fault(self, connection: Connection, what: str, error: Exception) -> None:
+        """Whoever else is at this server finds the connection closed."""
+        peer = connection.peer
+        self._on_event(ServingFailed(peer.id, f"{peer} {what}: {type(error).__name__}: {error}"))
+        connection.close()
 
 
 def _brief(peer: Peer) -> str:

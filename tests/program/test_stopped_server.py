@@ -1,6 +1,7 @@
 """A server that is stopped takes nothing from its socket: nobody waits for it, and nothing is left of it."""
 
 import gzip
+import queue
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 import psutil
 import pytest
 
-from support.messages.message_samples import SAMPLES
+from support.messages.message_samples import SAMPLES, UNFORESEEN
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
 from volsplat.client.session.outgoing import Outgoing
@@ -23,7 +24,7 @@ from volsplat.deploy.local import GRACE_SECONDS
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import LocalProtocolError, VolsplatError
+from volsplat.protocol.text.errors import LocalProtocolError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
@@ -140,8 +141,8 @@ def test_whoever_posts_does_not_wait_and_older_frames_that_have_not_left_are_dro
     ends: tuple[Connection, Connection],
 ) -> None:
     client, server = ends
-    failures: list[VolsplatError] = []
-    outgoing = Outgoing(client, lambda message, error: failures.append(error))
+    failures: list[Exception] = []
+    outgoing = Outgoing(client, lambda message, error: failures.append(error), failures.append)
     message, payload = part()
     for _ in range(4):
         outgoing.post(message, payload)  # more than any socket holds: nobody reads
@@ -166,10 +167,11 @@ def test_whoever_posts_does_not_wait_and_older_frames_that_have_not_left_are_dro
 def test_where_nothing_waits_a_short_message_has_left_when_it_is_posted(ends: tuple[Connection, Connection]) -> None:
     client, server = ends
     senders: list[threading.Thread] = []
-    failures: list[VolsplatError] = []
+    failures: list[Exception] = []
     outgoing = Outgoing(
         client,
         lambda message, error: failures.append(error),
+        failures.append,
         lambda message, began: senders.append(threading.current_thread()),
     )
     outgoing.post(messages.DescribeMachine(), memoryview(b""))
@@ -181,11 +183,26 @@ def test_where_nothing_waits_a_short_message_has_left_when_it_is_posted(ends: tu
 
 def test_closing_the_connection_ends_a_send_that_waits(ends: tuple[Connection, Connection]) -> None:
     client, _ = ends
-    outgoing = Outgoing(client, lambda message, error: None)
+    failures: list[Exception] = []
+    outgoing = Outgoing(client, lambda message, error: failures.append(error), failures.append)
     message, payload = part()
     for _ in range(4):
         outgoing.post(message, payload)
     outgoing.flush(time.monotonic() + 0.05)
     client.close()
     outgoing.flush(time.monotonic() + PATIENCE)
-    assert outgoing._ended
+    assert outgoing._ended and not failures
+
+
+@pytest.mark.parametrize("payloads", [(), (memoryview(bytes(1 << 20)),)], ids=["at once", "by the sending thread"])
+def test_an_error_that_nobody_has_foreseen_is_told_once_and_leaves_nobody_waiting(
+    payloads: tuple[memoryview, ...], ends: tuple[Connection, Connection]
+) -> None:
+    client, _ = ends
+    failures: queue.SimpleQueue[Exception] = queue.SimpleQueue()
+    outgoing = Outgoing(client, lambda message, error: failures.put(error), failures.put)
+    outgoing.post(UNFORESEEN, *payloads)
+    assert isinstance(failures.get(timeout=PATIENCE), AttributeError)
+    outgoing.post(*part())  # goes nowhere
+    outgoing.flush(time.monotonic() + PATIENCE)
+    assert outgoing._ended and failures.empty()

@@ -45,7 +45,6 @@ from volsplat.client.coordinator.coordinator_events import (
     FailSession,
     FrameAsked,
     GiveAnswer,
-    HearingFailed,
     Instruction,
     MessageReceived,
     NobodyJoined,
@@ -60,6 +59,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerLost,
     ServerProcessEnded,
     ServersMissing,
+    ServingFailed,
     SliceAsked,
     VolumeAsked,
 )
@@ -688,9 +688,9 @@ def test_a_refusal_to_read_ahead_leaves_an_earlier_loss_made_good() -> None:
 
 def test_a_server_that_an_error_keeps_from_being_heard_is_lost_where_others_are_left() -> None:
     coordinator = drawing()
-    told = coordinator.handle(HearingFailed(FIRST, GONE))
+    told = coordinator.handle(ServingFailed(FIRST, GONE))
     assert ReportLoss(HANDED_OVER) in told and coordinator.failure is None
-    coordinator.handle(HearingFailed(SECOND, "server 1 is heard no more"))
+    coordinator.handle(ServingFailed(SECOND, "server 1 is heard no more"))
     assert str(coordinator.failure) == "the session cannot go on: server 1 is heard no more"
 
 

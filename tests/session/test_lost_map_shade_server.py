@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from support.files.head_volume import head, scene, single
+from support.messages.message_samples import UNFORESEEN
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from volsplat.client import Session
@@ -112,6 +113,22 @@ def test_between_frames_the_others_take_over(head: Path, single: SingleProcess, 
         assert lost.handed_over and "\n" not in watched.loss
         for refinement in finished_whole(session.refine(scene)):
             assert torch.equal(refinement.image, single.render(scene, refinement.step))
+
+
+def test_an_error_that_nobody_has_foreseen_in_sending_to_one_loses_it_alone(
+    head: Path, single: SingleProcess, scene: Scene, caplog: pytest.LogCaptureFixture
+) -> None:
+    watched = Watched()
+    with opened(head, watched) as session:
+        assert torch.equal(session.render(scene), single.render(scene))
+        server = next(server for server in session.servers if server.role is Role.MAPSHADE_SERVER)
+        session._links.send(server.id, UNFORESEEN, memoryview(b"by the sending thread"))
+        assert watched.told.wait(PATIENCE)
+        assert "is sent nothing more: AttributeError: " in watched.loss and "\n" not in watched.loss
+        check_whole(session, single, scene)
+        assert watched.lost().id == server.id
+    (logged,) = [record for record in caplog.records if record.exc_info]
+    assert logged.getMessage().endswith("is sent nothing more") and "in payload_bytes" in caplog.text
 
 
 @pytest.mark.parametrize("moment", ["step A", "step D"])

@@ -167,6 +167,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.EndSession(), b""),
     )
 }
+UNFORESEEN = messages.HoldPart(1, None)  # type: ignore[arg-type]  # to send it is an error that nobody has foreseen
 
 
 def speech_for(kind: type[Message]) -> Speech:
