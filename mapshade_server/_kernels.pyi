@@ -286,11 +286,18 @@ class SlabWalk:
         """It keeps the walk alive, but its source does not."""
 
 class Walker:
+    """Walks a part of a server's sub-cubes. One thread at a time may have it walk, by `next_batch` or its source."""
+
     @property
     def source(self) -> object:
         """A capsule: see kernels/batch_source.h."""
 
-    def next_batch(self, max_packets: int, max_voxels: int) -> Batch: ...
+    def next_batch(self, max_packets: int, max_voxels: int) -> Batch:
+        """What comes next; after the last batch, which there always is, empty ones.
+
+        The limits decide on which row batches end, not what they hold together; a frame's first batches are smaller.
+        The memory of a batch is used again once it and its memoryviews are gone.
+        """
 
 class Batch:
     """What a walker delivers at once."""

@@ -13,7 +13,7 @@ from volsplat.bench import _kernels as floors
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.bench.timing import interleaved, thread_seconds
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ColourTable, Image, Order, ScalarTable, Scene, Step, Tables, View
 from volsplat.protocol.description.volume import Geometry
@@ -90,9 +90,10 @@ class PackedVolume:
         """Map and shade one frame; the packets that it sent."""
         plan = plan_frame(scene, self.geometry, Step.F)
         [walker] = FrameWalk([self.sub_cube], Drawing.of(scene, plan, self.geometry, QUANTISATION)).walkers
-        sent = 0
-        while (batch := walker.next_batch()) is not None:
-            sent += batch.packet_count
+        sent, last = 0, False
+        while not last:
+            batch = walker.next_batch(DEFAULT_PACKETS, DEFAULT_VOXELS)
+            sent, last = sent + batch.packet_count, batch.last
         return sent
 
 

@@ -8,7 +8,7 @@ from volsplat.mapshade_server.frames.frame_tally import FrameTally, LinkTally
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.frames.socket_outlet import LEAST_SPAN, SocketOutlet
 from volsplat.mapshade_server.links.data_link import DataLink
-from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
+from volsplat.program.frame_spans import FrameSpans, clock
 from volsplat.protocol.rules.regions import Region
 
 log = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ class FrameDelivery:
         regions: Sequence[Region],
         links: Mapping[int, DataLink],
         newest: _kernels.NewestFrame,
-        spans: FrameSpans = UNTRACED,
+        spans: FrameSpans,
     ) -> None:
         """`worker` is this server. The frame is wanted while none is newer; what is done when goes into `spans`."""
         self._frame = frame
@@ -42,7 +42,7 @@ class FrameDelivery:
             for walker in range(len(walk.walkers))
         ]
         self._kernel = _kernels.Delivery(
-            [walker.kernel for walker in walk.walkers],
+            walk.walkers,
             [list(outlets.values()) for outlets in self._outlets],
             self._wanted,
         )

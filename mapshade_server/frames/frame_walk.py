@@ -1,19 +1,16 @@
 """One frame of a map/shade server: gives the kernel a plan's and a scene's numbers, and hands out its batches."""
 
-import math
 from collections.abc import Sequence
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.slab_kernels import LEAST_KNOWN
-from volsplat.protocol.rules.slab_shape import SlabShape
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB of all walkers: few hand-overs, and the next stage still finds it in the cache
 LEAST_PACKETS = 1 << 16  # of one walker of many: each hand-over takes the interpreter, which they all share
@@ -26,32 +23,6 @@ SLAB_ROUNDING = 1.0  # pixels: by which a voxel may be moved on its way to the p
 NEAREST = 0.5  # pixels: no centre of a pixel is further away than the nearest one
 
 FIELDS = list(Field)  # the kernel knows fields by their place here
-
-
-class Walker:
-    """Walks a part of a server's sub-cubes. One thread at a time may have it walk, by `next_batch` or its source."""
-
-    def __init__(self, kernel: _kernels.Walker, max_packets: int) -> None:
-        self.kernel = kernel
-        self._max_packets = max_packets
-        self._ended = False
-
-    @property
-    def source(self) -> object:
-        """For kernels that walk without Python: see kernels/batch_source.h. The frame's walk must outlive it."""
-        return self.kernel.source
-
-    def next_batch(self, max_packets: float = math.inf, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
-        """What comes next, or None after the batch that was the last. There is always a last one, if empty.
-
-        The limits decide on which row batches end, not what they hold together; a frame's first batches are smaller.
-        The memory of a batch is used again once it and its memoryviews are gone.
-        """
-        if self._ended:
-            return None
-        batch = self.kernel.next_batch(int(min(max_packets, self._max_packets)), max_voxels)
-        self._ended = batch.last
-        return ShadedBatch(batch)
 
 
 class FrameWalk:
@@ -79,17 +50,10 @@ class FrameWalk:
         part for each region; or, with None, each region has a walker, whose batches have that one part and are small,
         for its owner in the same process.
         """
-        closed_tiles, slabs = closed_tiles if drawing.plan.hides else None, drawing.plan.slabs
-        if slabs is not None:
-            max_packets = SLAB_PACKETS
-            walk: _kernels.SlabWalk | _kernels.FrameWalk = _slab_walk(
-                sub_cubes, drawing, slabs, closed_tiles, regions, walkers
-            )
-        else:
-            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if walkers else STEP_PACKETS
-            walk = _sheet_walk(sub_cubes, drawing, closed_tiles, regions, walkers, max_packets)
-        self.closed_tiles = closed_tiles
-        self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walk.walkers)]
+        self.closed_tiles = closed_tiles if drawing.plan.hides else None
+        walk_of = _sheet_walk if drawing.plan.slabs is None else _slab_walk
+        walk = walk_of(sub_cubes, drawing, self.closed_tiles, regions, walkers)
+        self.walkers = [walk.walker(number) for number in range(walk.walkers)]
 
 
 def _sheet_walk(
@@ -98,7 +62,6 @@ def _sheet_walk(
     closed_tiles: "_kernels.Array | None",
     regions: Sequence[Region],
     walkers: int | None,
-    max_packets: int,
 ) -> _kernels.FrameWalk:
     """Sheet by sheet, shaded."""
     plan, shading, geometry, mixture = drawing.plan, drawing.shading, drawing.geometry, mixture_of(sub_cubes)
@@ -130,20 +93,20 @@ def _sheet_walk(
         closed_tiles=closed_tiles,
         regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
         walkers=walkers or 0,
-        limits=(max_packets, DEFAULT_VOXELS),
+        limits=(max(DEFAULT_PACKETS // walkers, LEAST_PACKETS) if walkers else STEP_PACKETS, DEFAULT_VOXELS),
     )
 
 
 def _slab_walk(
     sub_cubes: Sequence[SubCube],
     drawing: Drawing,
-    slabs: SlabShape,
     closed_tiles: "_kernels.Array | None",
     regions: Sequence[Region],
     walkers: int | None,
 ) -> _kernels.SlabWalk:
     """By groups of planes from the front, unshaded: the voxels that slabs take."""
-    plan = drawing.plan
+    plan, slabs = drawing.plan, drawing.plan.slabs
+    assert slabs is not None
     return _kernels.SlabWalk(
         boxes=[(cube.packets, cube.box.low, cube.needed_voxels) for cube in sub_cubes],
         axes=plan.traversal.axes,

@@ -2,12 +2,12 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames.frame_tally import LinkTally
 from volsplat.mapshade_server.links.data_link import DataLink, Sent
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import ShadedPart, parts_of
 from volsplat.program.frame_spans import FrameSpans
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError
@@ -55,12 +55,12 @@ class SocketOutlet:
             self._spans.note(self._row, f"wait for splat server {server}", ended - waited, ended)
         return pace.most_packets
 
-    def send(self, kernel: _kernels.Batch) -> bool:
+    def send(self, batch: _kernels.Batch) -> bool:
         """Send what of a batch is for the splat server. False if that is lost."""
-        batch, began = ShadedBatch(kernel), time.perf_counter()
-        message = self._message(batch)
+        began, parts = time.perf_counter(), parts_of(batch)[self._parts]
+        message = self._message(batch, parts)
         try:
-            sent = self._link.send(message, self._parts, batch)
+            sent = self._link.send(message, parts)
         except LOSSES as loss:
             log.info("frame %d: %s", self._frame, loss)
             return False
@@ -78,7 +78,7 @@ class SocketOutlet:
         if sent.waiting_seconds > 0.0:
             self._spans.note(self._row, "wait for room", ended - sent.waiting_seconds, ended)
 
-    def _message(self, batch: ShadedBatch) -> messages.Batch:
+    def _message(self, batch: _kernels.Batch, parts: Sequence[ShadedPart]) -> messages.Batch:
         sequence, self._sequence = self._sequence, self._sequence + 1
         return messages.Batch(
             frame=self._frame,
@@ -86,7 +86,7 @@ class SocketOutlet:
             walker=self._walker,
             sequence=sequence,
             coded_bytes=0,
-            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts[self._parts]],
+            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in parts],
             reached_sheet=batch.reached[0],
             reached_row=batch.reached[1],
             last=batch.last,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import zstandard
 
 from volsplat.mapshade_server._kernels import BatchEncoder
-from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.mapshade_server.links.shaded_part import ShadedPart
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.rules.sample_lattice import VOXEL_CODE, sample_lattice

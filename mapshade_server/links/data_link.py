@@ -6,6 +6,7 @@ Walkers send; a thread of the link's own hears which tiles of the image are clos
 import math
 import threading
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -14,7 +15,7 @@ from volsplat.mapshade_server._kernels import BatchChannel
 from volsplat.mapshade_server.links.channels import shared_channels
 from volsplat.mapshade_server.links.link_coding import LinkCoding
 from volsplat.mapshade_server.links.link_pace import LinkPace
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import ShadedPart
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role
@@ -83,14 +84,13 @@ class DataLink:
         self._hearing.join()  # it closed the connection, and is about to say
         return self._failure or ConnectionClosed(f"{self._connection}: this side has closed the connection")
 
-    def send(self, batch: messages.Batch, parts: slice, shaded: ShadedBatch) -> Sent:
-        """Send these parts of a batch by the socket, coded if so it is there sooner.
+    def send(self, batch: messages.Batch, parts: Sequence[ShadedPart]) -> Sent:
+        """Send a batch of these parts by the socket, coded if so it is there sooner.
 
         Raises PeerLost if the splat server is gone.
         """
         began = time.perf_counter()
-        sent_parts = shaded.parts[parts]
-        coded = self._coding.coded(batch, sent_parts) if self._coding is not None else None
+        coded = self._coding.coded(batch, parts) if self._coding is not None else None
         if coded is not None:
             batch = msgspec.structs.replace(batch, coded_bytes=len(coded))
         sending, waited = time.perf_counter(), self.counters.seconds_in_send
@@ -98,11 +98,11 @@ class DataLink:
             if coded is not None:
                 self._connection.send(batch, coded)
             else:
-                self._connection.send(batch, *(memory for part in sent_parts for memory in (part.runs, part.packets)))
+                self._connection.send(batch, *(memory for part in parts for memory in (part.runs, part.packets)))
         except ConnectionClosed:
             raise self.why_lost() from None
         ended, waited = time.perf_counter(), self.counters.seconds_in_send - waited
-        packets = sum(part.packet_count for part in sent_parts)
+        packets = sum(part.packet_count for part in parts)
         self.pace.sent(batch.walker, (batch.reached_sheet, batch.reached_row), batch.payload_bytes(), packets)
         if self._coding is not None:
             self._coding.choice.sent(batch.raw_bytes, batch.payload_bytes(), waited > 0, ended)

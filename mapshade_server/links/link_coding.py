@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, VoxelBatchCoder, coder_of
-from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.mapshade_server.links.shaded_part import ShadedPart
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import FramePlan
 

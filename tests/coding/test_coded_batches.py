@@ -22,7 +22,7 @@ from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, VoxelBatchCoder, coder_of
-from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.mapshade_server.links.shaded_part import ShadedPart, parts_of
 from volsplat.protocol.description.scene import Bounds, Image, Order, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing
@@ -74,7 +74,7 @@ def test_what_a_walk_sends_comes_back(data: st.DataObject, geometry: Geometry, s
     regions = [Region(1, 0, edge), Region(1, edge, plan.height), Region(2, plan.height, plan.height)]
     walk = FrameWalk(sub_cubes, Drawing.of(scene, plan, geometry, PLAIN), None, regions)
     for batch in all_batches(walk, max_packets=limit):
-        assert there_and_back(plan, batch.parts) == raw_bytes(batch.parts)
+        assert there_and_back(plan, parts_of(batch)) == raw_bytes(parts_of(batch))
 
 
 @st.composite
@@ -155,7 +155,7 @@ def test_voxels_are_coded_in_less_than_half_and_a_code_of_other_counts_is_refuse
     sub_cube.pack(PLAIN)
     drawing = Drawing.of(plain_scene(), plan, Geometry((24, 24, 24)), PLAIN)
     batch = all_batches(FrameWalk([sub_cube], drawing))[0]
-    part = max(batch.parts, key=lambda part: part.packet_count)
+    part = max(parts_of(batch), key=lambda part: part.packet_count)
     assert part.packet_count > 1000
     for level in (QUICK, CLOSE):
         coded = VoxelBatchCoder().coded([part], level)

@@ -13,12 +13,13 @@ from support.scenes.coded_batches import raw_bytes
 from support.scenes.shaded_packets import all_batches
 from support.scenes.shadings import WINDOW
 from volsplat.bench.slow_link import slow_link
+from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK
 from volsplat.mapshade_server.links.data_link import DataLink, Sent
 from volsplat.mapshade_server.links.link_coding import BYTES_WITHOUT_WAIT, RAW, CodingChoice
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
@@ -59,24 +60,24 @@ def linked(bits_per_second: float) -> Iterator[tuple[DataLink, Connection]]:
         yield link, stack.enter_context(there)
 
 
-def frame_of(batches: list[ShadedBatch], link: DataLink, frame: int, plan: FramePlan, costs: list[Sent]) -> None:
+def frame_of(batches: list[Batch], link: DataLink, frame: int, plan: FramePlan, costs: list[Sent]) -> None:
     link.begin_frame(frame, plan, new_tile_map(plan.width, plan.height), paced_walkers=0)
     for sequence, batch in enumerate(batches):
-        parts = [messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts]
+        parts = [messages.BatchPart(part.run_count, part.packet_count) for part in parts_of(batch)]
         message = messages.Batch(frame, 3, 0, sequence, 0, parts, *batch.reached, batch.last)
-        costs.append(link.send(message, slice(None), batch))
+        costs.append(link.send(message, parts_of(batch)))
 
 
 @pytest.mark.parametrize("step", [Step.F, Step.G])
 def test_over_a_slow_link_batches_come_coded_and_have_the_same_bytes(step: Step) -> None:
     batches, costs, coded = sent_over(SLOW, step)
     assert coded
-    saved = FRAMES * sum(len(raw_bytes(batch.parts)) for batch in batches) - sum(cost.nbytes for cost in costs)
+    saved = FRAMES * sum(len(raw_bytes(parts_of(batch))) for batch in batches) - sum(cost.nbytes for cost in costs)
     assert saved > 0
     assert sum(cost.coding_seconds for cost in costs) > 0.0
 
 
-def sent_over(bits_per_second: float, step: Step = Step.F) -> tuple[list[ShadedBatch], list[Sent], int]:
+def sent_over(bits_per_second: float, step: Step = Step.F) -> tuple[list[Batch], list[Sent], int]:
     """Frames sent and compared; the batches of one, what each cost, and how many came coded."""
     scene = plain_scene(opacity=0.5, view=View(rotation=(0.1, 0.2, 0.0, 1.0), zoom=4.0), size=(256, 256))
     plan = plan_frame(scene, GEOMETRY, step)
@@ -102,7 +103,7 @@ def sent_over(bits_per_second: float, step: Step = Step.F) -> tuple[list[ShadedB
                 room = bytearray(message.raw_bytes)
                 decoded(memoryview(payload), message.parts, memoryview(room))
                 payload = bytes(room)
-            assert payload == raw_bytes(batch.parts)
+            assert payload == raw_bytes(parts_of(batch))
         sending.join(PATIENCE)
         assert not sending.is_alive()
     return batches, costs, came

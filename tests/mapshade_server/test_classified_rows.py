@@ -32,9 +32,10 @@ from support.scenes.shaded_packets import all_batches, batches_of, packets_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frames.frame_walk import FrameWalk, sample_reach
+from volsplat.mapshade_server._kernels import Batch
+from volsplat.mapshade_server.frames.frame_walk import DEFAULT_VOXELS, FrameWalk, sample_reach
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages.drawing import Drawing
@@ -73,7 +74,7 @@ def held_as(geometry: Geometry, values: Tensor, boxes: list[Box]) -> list[SubCub
 
 @dataclass(frozen=True)
 class Frame:
-    batches: list[ShadedBatch]
+    batches: list[Batch]
 
     @property
     def rows(self) -> list[list[int]]:
@@ -254,12 +255,11 @@ def test_a_walk_gives_the_same_whichever_walks_begin_meanwhile(
     values = torch.randn(SIDE, SIDE, SIDE, generator=torch.Generator().manual_seed(2))
     held, scenes = held_as(CUBE, values, [CUBE.box]), [seen_from(*view) for view in views]
     walks: dict[int, FrameWalk] = {}
-    batches: list[list[ShadedBatch]] = [[] for _ in scenes]
+    batches: list[list[Batch]] = [[] for _ in scenes]
     for turn in (n % len(scenes) for n in sequence):
         if turn not in walks:
             walks[turn] = walk_of(held, scenes[turn])
-        if (batch := walks[turn].walkers[0].next_batch(100, 500)) is not None:
-            batches[turn].append(batch)
+        batches[turn].append(walks[turn].walkers[0].next_batch(100, 500))
     for turn, walk in walks.items():
         rows = packets_of(batches[turn] + all_batches(walk)).rows()
         assert rows == frame(held_as(CUBE, values, [CUBE.box]), scenes[turn]).rows
@@ -402,7 +402,7 @@ def test_what_is_closed_meanwhile_is_left_out_from_the_next_batch_on(
     live = tile_map(tiles(width, height), width, height)
     walk = walk_of(held, scene, Step.F, live)
     for closed in (at_first, in_the_end):
-        assert walk.walkers[0].next_batch(500) is not None
+        walk.walkers[0].next_batch(500, DEFAULT_VOXELS)
         live.cast("B")[:] = tile_map(closed, width, height).cast("B")
     rest = packets_of(all_batches(walk)).rows()
     all_rest = frame(held, scene).rows
@@ -433,7 +433,7 @@ def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: boo
         walk = FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN), tiles)
         assembly.begin([Region(1, 0, plan.height)], 1, news)
         for batch in batches_of(walk.walkers[0], most, most):
-            assembly.splat.push(0, batch_memory(batch.parts, budget), *batch.reached, batch.last)
+            assembly.splat.push(0, batch_memory(parts_of(batch), budget), *batch.reached, batch.last)
             heard = news.rung
             while not budget.open and not assembly.splat.complete:
                 heard = news.wait(heard, PATIENCE)

@@ -16,10 +16,10 @@ from support.scenes.arbitrary import geometries, plain_scene
 from support.scenes.channels import WALKERS, begun, channels, finished, held_of, pushed, walk_of
 from support.scenes.rendering import batch_memory
 from support.scenes.shadings import shaded_scenes, volumes
-from volsplat.mapshade_server._kernels import Batch, ChannelOutlet, Crew, Delivery, NewestFrame, StillWanted, Walker
+from volsplat.mapshade_server._kernels import Batch, ChannelOutlet, Crew, Delivery, NewestFrame, StillWanted
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.channels import BLOCK_BYTES
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
@@ -44,9 +44,8 @@ class Pushing:
     def most_packets(self) -> float:
         return self._most
 
-    def send(self, kernel: Batch) -> bool:
-        batch = ShadedBatch(kernel)
-        memory = batch_memory(batch.parts[self._parts], UNBOUNDED)
+    def send(self, batch: Batch) -> bool:
+        memory = batch_memory(parts_of(batch)[self._parts], UNBOUNDED)
         self._splat.push(self._source, memory, *batch.reached, batch.last)
         return True
 
@@ -75,10 +74,6 @@ def wanted(frame: int = 1) -> StillWanted:
 
 def no_failure() -> None:
     raise AssertionError("a walker has failed")
-
-
-def kernels(walk: FrameWalk) -> list[Walker]:
-    return [walker.kernel for walker in walk.walkers]
 
 
 def frame_of(scene: Scene, geometry: Geometry, step: Step = Step.F) -> FramePlan:
@@ -112,7 +107,7 @@ def test_images_are_the_same_by_channels_and_by_sockets(data: st.DataObject, geo
                 ]
                 for walker in range(WALKERS)
             ]
-            delivery = Delivery(kernels(walk), outlets, of_frame)
+            delivery = Delivery(walk.walkers, outlets, of_frame)
             delivery.run(Crew(), no_failure)
             images = [finished(frame) for frame in frames]
             assert not delivery.lost(0) and not delivery.lost(1)
@@ -140,7 +135,7 @@ def test_what_is_hidden_by_then_is_not_sent() -> None:
         with begun(plan, regions) as assembly, channels(block_bytes=1 << 14) as through:
             through.taker.begin(1, assembly.splat, 0, WALKERS, False)
             outlets = [[ChannelOutlet(way, 1, 0, 1, tiles, of_frame)] for way in through.ways]
-            delivery = Delivery(kernels(walk), outlets, of_frame)
+            delivery = Delivery(walk.walkers, outlets, of_frame)
             delivery.run(Crew(), no_failure)
             image = finished(assembly)
             sent[tiles is None] = sum(delivery.tally(walker).packets for walker in range(WALKERS))
@@ -164,12 +159,12 @@ def test_news_of_another_frame_are_not_heard() -> None:
                 return True
 
             outlets: Outlets = [[ChannelOutlet(way, frame, 0, 1, tiles, of_frame), Deaf(end)] for way in through.ways]
-            Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew(), no_failure)
+            Delivery(walk_of(held, scene, plan, regions).walkers, outlets, of_frame).run(Crew(), no_failure)
             return any(tiles.cast("B"))
 
         of_frame = wanted()
         drawn = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
-        Delivery(kernels(walk_of(held, scene, plan, regions)), drawn, of_frame).run(Crew(), no_failure)
+        Delivery(walk_of(held, scene, plan, regions).walkers, drawn, of_frame).run(Crew(), no_failure)
         finished(assembly)
         assert not heard(2) and heard(1)
 
@@ -184,7 +179,7 @@ def test_a_channel_holds_the_longest_run() -> None:
     with begun(plan, regions) as assembly, channels(block_bytes=BLOCK_BYTES) as through:
         through.taker.begin(1, assembly.splat, 0, WALKERS, False)
         outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
-        delivery = Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame)
+        delivery = Delivery(walk_of(held, scene, plan, regions).walkers, outlets, of_frame)
         delivery.run(Crew(), no_failure)
         assert finished(assembly) == pushed(walk_of(held, scene, plan, regions), plan, regions, 1 << 17)
         assert sum(delivery.tally(walker).packets for walker in range(WALKERS)) == LONGEST_ROW
@@ -200,7 +195,7 @@ def test_no_more_words_are_told_than_the_map_has_whatever_the_memory_says() -> N
         begin, count = through.tile_news, tile_map_bytes(plan.width, plan.height) // 8
         struct.pack_into("<Q", through.memory, begin + 24, 1 << 18)
         outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways]
-        Delivery(kernels(walk_of(held, scene, plan, regions)), outlets, of_frame).run(Crew(), no_failure)
+        Delivery(walk_of(held, scene, plan, regions).walkers, outlets, of_frame).run(Crew(), no_failure)
         finished(assembly)
         words = memoryview(through.memory)[begin + 32 :][: 8 << 18].cast("Q")
         assert any(words[:count]) and not any(words[count:])
@@ -226,7 +221,7 @@ def test_whoever_waits_for_room_ends_with_a_newer_frame(walk: FrameWalk) -> None
     of_frame = StillWanted(newest, 1)
     with channels() as through:  # whose taker waits for frame 1
         delivery = Delivery(
-            kernels(walk), [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways], of_frame
+            walk.walkers, [[ChannelOutlet(way, 1, 0, 1, None, of_frame)] for way in through.ways], of_frame
         )
         thread = running(delivery)
         wait_until(lambda: through.taker.newest_frame == 1, "a batch in the channel")
@@ -243,7 +238,7 @@ def test_a_splat_server_that_is_lost_gets_no_more_and_the_others_get_all(walk: F
             [ChannelOutlet(way, 1, 0, 1, None, of_frame), other]
             for way, other in zip(through.ways, others, strict=True)
         ]
-        delivery = Delivery(kernels(walk), outlets, of_frame)
+        delivery = Delivery(walk.walkers, outlets, of_frame)
         thread = running(delivery)
         wait_until(lambda: through.taker.newest_frame == 1, "a batch in the channel")
         for way in through.ways:
@@ -256,14 +251,14 @@ def test_a_splat_server_that_is_lost_gets_no_more_and_the_others_get_all(walk: F
 
 def test_a_frame_that_nobody_gets_is_over(walk: FrameWalk) -> None:
     outlets = [[Deaf(lambda: False)] for _ in walk.walkers]
-    delivery = Delivery(kernels(walk), outlets, wanted())
+    delivery = Delivery(walk.walkers, outlets, wanted())
     delivery.run(Crew(), no_failure)
     assert delivery.lost(0) and 1 <= sum(one.batches for (one,) in outlets) <= WALKERS
 
 
 def test_nothing_is_sent_to_who_was_lost_before(walk: FrameWalk) -> None:
     others = [Deaf() for _ in walk.walkers]
-    delivery = Delivery(kernels(walk), [[None, other] for other in others], wanted())
+    delivery = Delivery(walk.walkers, [[None, other] for other in others], wanted())
     delivery.run(Crew(), no_failure)
     assert delivery.lost(0) and not delivery.lost(1)
     assert sum(delivery.tally(n).packets for n in range(WALKERS)) == 40**3
@@ -277,7 +272,7 @@ def test_what_an_outlet_raises_ends_all_walkers(walk: FrameWalk) -> None:
         of_frame = wanted()
         outlets: Outlets = [[ChannelOutlet(way, 1, 0, 1, None, of_frame), Deaf()] for way in through.ways]
         outlets[1] = [Deaf(), Deaf(fail)]
-        delivery = Delivery(kernels(walk), outlets, of_frame)
+        delivery = Delivery(walk.walkers, outlets, of_frame)
         delivery.run(Crew(), lambda: None)
         assert delivery.failed and not of_frame()
         with pytest.raises(OSError, match="no way out"):
@@ -296,7 +291,7 @@ def test_a_failure_is_told_while_another_walker_still_sends(walk: FrameWalk) -> 
         return True
 
     outlets: Outlets = [[Deaf(send)], [Deaf(fail)], [Deaf(send)]]
-    delivery = Delivery(kernels(walk), outlets, wanted())
+    delivery = Delivery(walk.walkers, outlets, wanted())
     thread = threading.Thread(target=delivery.run, args=(Crew(), told.set))
     thread.start()
     try:
@@ -311,9 +306,9 @@ def test_a_failure_is_told_while_another_walker_still_sends(walk: FrameWalk) -> 
 
 def test_walkers_have_outlets_alike(walk: FrameWalk) -> None:
     with pytest.raises(ValueError, match="an outlet for each splat server"):
-        Delivery(kernels(walk), [[Deaf()], [Deaf()], []], wanted())
+        Delivery(walk.walkers, [[Deaf()], [Deaf()], []], wanted())
     with pytest.raises(ValueError, match="outlets"):
-        Delivery(kernels(walk), [[Deaf()]], wanted())
+        Delivery(walk.walkers, [[Deaf()]], wanted())
 
 
 def test_a_crew_walks_frames_of_any_number_of_walkers() -> None:
@@ -322,6 +317,6 @@ def test_a_crew_walks_frames_of_any_number_of_walkers() -> None:
     held, regions, crew = held_of(geometry, values), [Region(1, 0, plan.height)], Crew()
     for walkers in (1, 5, 2, 1, 8):
         walk = walk_of(held, scene, plan, regions, walkers)
-        delivery = Delivery(kernels(walk), [[Deaf()] for _ in range(walkers)], wanted())
+        delivery = Delivery(walk.walkers, [[Deaf()] for _ in range(walkers)], wanted())
         delivery.run(crew, no_failure)
         assert sum(delivery.tally(n).packets for n in range(walkers)) == 40**3

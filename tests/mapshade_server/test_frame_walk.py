@@ -12,9 +12,10 @@ from reference import mapping
 from support.scenes.arbitrary import flips_and_orders, geometries, plain_scene, quaternion_to
 from support.scenes.shaded_packets import all_batches, batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, quantisations, shaded_scenes, volumes
+from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk, sample_reach
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.messages.drawing import Drawing
@@ -44,7 +45,7 @@ def visible_volume(geometry: Geometry) -> Tensor:
     return torch.ones(geometry.dims[::-1])
 
 
-def walked(geometry: Geometry, values: Tensor, scene: Scene, plan: FramePlan) -> list[ShadedBatch]:
+def walked(geometry: Geometry, values: Tensor, scene: Scene, plan: FramePlan) -> list[Batch]:
     return all_batches(
         FrameWalk(sub_cubes(geometry, values, PLAIN, [geometry.box]), Drawing.of(scene, plan, geometry, PLAIN))
     )
@@ -94,7 +95,7 @@ def test_limits_decide_where_batches_end_but_not_what_they_hold(
     assert packets_of(small).rows() == packets_of(large).rows()
     longest_row = max(geometry.dims)
     for batch in small:
-        [part] = batch.parts
+        [part] = parts_of(batch)
         assert part.packet_count < max_packets + longest_row
         assert batch.voxels_visited < max_voxels + longest_row
         assert len(part.runs) == ROW_RUN_BYTES * part.run_count
@@ -219,8 +220,8 @@ def test_a_batch_keeps_its_bytes_while_it_is_held() -> None:
     walk = FrameWalk(held, Drawing.of(scene, plan, geometry, PLAIN))
     kept, copies = [], []
     for batch in batches_of(walk.walkers[0], max_packets=100):
-        kept += batch.parts
-        copies += [(bytes(part.runs), bytes(part.packets)) for part in batch.parts]
+        kept += parts_of(batch)
+        copies += [(bytes(part.runs), bytes(part.packets)) for part in parts_of(batch)]
     del walk, held, batch
     assert [(bytes(part.runs), bytes(part.packets)) for part in kept] == copies
 
@@ -229,12 +230,9 @@ def test_a_server_without_boxes_says_at_once_that_it_is_done() -> None:
     scene, geometry = plain_scene(), Geometry(CUBE)
     plan = plan_frame(scene, geometry, Step.F)
     [walker] = FrameWalk([], Drawing.of(scene, plan, geometry, PLAIN)).walkers
-    batch = walker.next_batch()
-    assert batch is not None
-    assert batch.last
+    [batch] = batches_of(walker)
     assert batch.packet_count == batch.voxels_visited == 0
     assert batch.reached == (plan.visits[plan.traversal.axes[0]].count, 0)
-    assert walker.next_batch() is None
 
 
 def test_a_sub_cube_must_be_packed_before_it_is_walked() -> None:

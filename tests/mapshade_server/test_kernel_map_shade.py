@@ -24,6 +24,7 @@ from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -97,7 +98,7 @@ def test_every_cpu_path_gives_the_same_bits(
             sub_cube = SubCube.of_volume(geometry, values)
             sub_cube.pack(quantisation)
             batches = all_batches(FrameWalk([sub_cube], Drawing.of(scene, plan, geometry, quantisation)))
-            frames.append([(bytes(part.runs), bytes(part.packets)) for batch in batches for part in batch.parts])
+            frames.append([(bytes(part.runs), bytes(part.packets)) for batch in batches for part in parts_of(batch)])
     assert all(frame == frames[0] for frame in frames)
 
 

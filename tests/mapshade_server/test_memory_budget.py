@@ -48,7 +48,7 @@ OF_SLABS = f"""
 import numpy as np
 import psutil
 from volsplat.client.scene.presets import preset_scene
-from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk
 from volsplat.mapshade_server.held.memory_budget import bytes_to_walk_slabs
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Step
@@ -64,7 +64,7 @@ solid.pack(quantisation)
 drawing = Drawing.planned(preset_scene("ct-skin"), Step.G, geometry, quantisation, own_resolution(geometry, Step.G))
 before = psutil.Process().memory_info().rss
 (walker,) = FrameWalk([solid], drawing).walkers
-while walker.next_batch() is not None:
+while not walker.next_batch(DEFAULT_PACKETS, DEFAULT_VOXELS).last:
     pass
 print(bytes_to_walk_slabs(geometry.box, geometry.box.voxels), psutil.Process().memory_info().rss - before)
 """

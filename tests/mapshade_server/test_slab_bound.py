@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.scenes.shaded_packets import all_batches
 from volsplat.client.scene.presets import preset_scene
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.frames.slab_bound import most_needed
@@ -27,9 +28,7 @@ def reckoned_and_taken(values: NDArray[Any], box: Box) -> tuple[int, int]:
     cube.pack(quantisation)
     drawing = Drawing.planned(preset_scene("ct-skin"), Step.G, geometry, quantisation, own_resolution(geometry, Step.G))
     assert drawing.plan.slabs is not None
-    taken, (walker,) = 0, FrameWalk([cube], drawing).walkers
-    while (batch := walker.next_batch()) is not None:
-        taken += batch.packet_count
+    taken = sum(batch.packet_count for batch in all_batches(FrameWalk([cube], drawing)))
     return most_needed(cube.block_densities, box, drawing, drawing.plan.slabs), taken
 
 

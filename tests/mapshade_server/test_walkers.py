@@ -14,9 +14,10 @@ from support.scenes.owned import owners, wait_until_complete
 from support.scenes.rendering import batch_memory
 from support.scenes.shaded_packets import batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
+from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages.drawing import Drawing
@@ -66,11 +67,11 @@ def walk_of(
     return FrameWalk(held, drawing, tiles, regions, walkers)  # type: ignore[arg-type]
 
 
-def delivered(walk: FrameWalk, most: int) -> list[list[ShadedBatch]]:
+def delivered(walk: FrameWalk, most: int) -> list[list[Batch]]:
     """By each walker, all of which walk at the same time."""
     together = threading.Barrier(len(walk.walkers))
 
-    def all_of(number: int) -> list[ShadedBatch]:
+    def all_of(number: int) -> list[Batch]:
         together.wait()
         return list(batches_of(walk.walkers[number], most, 4 * most))
 
@@ -78,7 +79,7 @@ def delivered(walk: FrameWalk, most: int) -> list[list[ShadedBatch]]:
         return list(threads.map(all_of, range(len(walk.walkers))))
 
 
-def placed(batches: list[ShadedBatch], region: int = 0) -> list[Placed]:
+def placed(batches: list[Batch], region: int = 0) -> list[Placed]:
     runs = runs_of(batches, region)
     packets = packets_of(batches, region).rows()
     places = [
@@ -89,7 +90,7 @@ def placed(batches: list[ShadedBatch], region: int = 0) -> list[Placed]:
     return list(zip(places, packets, strict=True))
 
 
-def merged(of_walkers: list[list[ShadedBatch]], region: int = 0) -> list[list[int]]:
+def merged(of_walkers: list[list[Batch]], region: int = 0) -> list[list[int]]:
     """By the key of the merge."""
     return [
         packet
@@ -97,7 +98,7 @@ def merged(of_walkers: list[list[ShadedBatch]], region: int = 0) -> list[list[in
     ]
 
 
-def image_lines(plan: FramePlan, of_walkers: list[list[ShadedBatch]], region: int = 0) -> torch.Tensor:
+def image_lines(plan: FramePlan, of_walkers: list[list[Batch]], region: int = 0) -> torch.Tensor:
     """What a splat server makes of a region's parts: the plan's lines."""
     news = Bell()
     with owners() as made:
@@ -105,7 +106,7 @@ def image_lines(plan: FramePlan, of_walkers: list[list[ShadedBatch]], region: in
         assembly.begin([Region(1, 0, plan.height)], len(of_walkers), news)
         for walker, batches in enumerate(of_walkers):
             for batch in batches:
-                alone = batch_memory([batch.parts[region]], ReadBudget(1, news))
+                alone = batch_memory([parts_of(batch)[region]], ReadBudget(1, news))
                 assembly.splat.push(walker, alone, *batch.reached, batch.last)
         wait_until_complete(assembly.splat, news)
         width, height = plan.image_size
@@ -152,11 +153,11 @@ def test_a_regions_own_walker_delivers_what_all_walkers_do_for_it(
         assert placed(batches) == sorted(placed_by_all(together, number))
 
 
-def placed_by_all(of_walkers: list[list[ShadedBatch]], region: int) -> list[Placed]:
+def placed_by_all(of_walkers: list[list[Batch]], region: int) -> list[Placed]:
     return [one for sent in of_walkers for one in placed(sent, region)]
 
 
-def visited(of_walkers: list[list[ShadedBatch]]) -> int:
+def visited(of_walkers: list[list[Batch]]) -> int:
     return sum(batch.voxels_visited for batches in of_walkers for batch in batches)
 
 

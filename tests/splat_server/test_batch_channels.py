@@ -27,12 +27,13 @@ from support.scenes.channels import (
     pushed,
     walk_of,
 )
+from support.scenes.shaded_packets import batches_of
 from support.scenes.shadings import shaded_scenes, volumes
-from volsplat.mapshade_server._kernels import BatchChannel
-from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server._kernels import Batch, BatchChannel
+from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.channels import shared_channels
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
@@ -58,8 +59,8 @@ def sent(through: Channels, walk: FrameWalk, frame: int, first: int, end: int, m
     """Have every walker send these regions' parts in a thread of its own."""
 
     def send(channel: BatchChannel, number: int) -> None:
-        while (batch := walk.walkers[number].next_batch(most)) is not None:
-            channel.begin(frame, batch.kernel, first, end)
+        for batch in batches_of(walk.walkers[number], most):
+            channel.begin(frame, batch, first, end)
             while not channel.send(PATIENCE):
                 pass
 
@@ -69,8 +70,8 @@ def sent(through: Channels, walk: FrameWalk, frame: int, first: int, end: int, m
     return threads
 
 
-def nbytes(batch: ShadedBatch) -> int:
-    return sum(len(part.runs) + len(part.packets) for part in batch.parts)
+def nbytes(batch: Batch) -> int:
+    return sum(len(part.runs) + len(part.packets) for part in parts_of(batch))
 
 
 def joined(threads: list[threading.Thread]) -> None:
@@ -134,13 +135,11 @@ def test_a_walker_that_finds_no_room_waits_until_there_is_some(subject: Subject)
     with channels() as through:
         channel, walker = through.ways[0], subject.walk.walkers[0]
         for _ in range(BLOCKS):
-            batch = walker.next_batch(1)
-            assert batch is not None
-            channel.begin(1, batch.kernel, 0, 1)
+            batch = walker.next_batch(1, DEFAULT_VOXELS)
+            channel.begin(1, batch, 0, 1)
             assert channel.send(0.0)
-        batch = walker.next_batch(1)
-        assert batch is not None
-        channel.begin(1, batch.kernel, 0, 1)
+        batch = walker.next_batch(1, DEFAULT_VOXELS)
+        channel.begin(1, batch, 0, 1)
         assert not channel.send(0.0) and not channel.send(0.01)
         through.taker.begin(1, None, 0, 0, False)  # nobody wants them
         assert channel.send(PATIENCE)
@@ -149,9 +148,8 @@ def test_a_walker_that_finds_no_room_waits_until_there_is_some(subject: Subject)
 def test_batches_of_a_later_frame_wait_for_it_and_those_of_an_older_one_go(subject: Subject) -> None:
     with channels() as through:
         heard = through.news.rung
-        older = subject.walk.walkers[0].next_batch(1)
-        assert older is not None
-        through.ways[0].begin(1, older.kernel, 0, 1)
+        older = subject.walk.walkers[0].next_batch(1, DEFAULT_VOXELS)
+        through.ways[0].begin(1, older, 0, 1)
         assert through.ways[0].send(0.0)
         wait_until(through.taker.take_news, "news of the first frame")
         sending = sent(through, subject.walk, 2, 0, 1, 100)
@@ -185,9 +183,9 @@ def test_who_waits_for_a_frame_hears_of_batches_of_a_later_one(subject: Subject)
 
 def test_a_batch_that_was_given_up_half_way_is_forgotten_with_its_frame(subject: Subject) -> None:
     with channels(block_bytes=512) as through:
-        batch = subject.walk.walkers[0].next_batch()
-        assert batch is not None and nbytes(batch) > BLOCKS * 512
-        through.ways[0].begin(1, batch.kernel, 0, 1)
+        batch = subject.walk.walkers[0].next_batch(DEFAULT_PACKETS, DEFAULT_VOXELS)
+        assert nbytes(batch) > BLOCKS * 512
+        through.ways[0].begin(1, batch, 0, 1)
         assert not through.ways[0].send(0.0)  # blocks of it are there
         with subject.frame(2) as frame:
             through.taker.begin(2, frame, 0, WALKERS, False)
@@ -200,9 +198,8 @@ def test_what_is_there_can_be_taken_at_once(subject: Subject) -> None:
     """As where a link ends."""
     with channels() as through, subject.frame() as frame:
         through.taker.begin(1, frame, 0, WALKERS, False)
-        batch = subject.walk.walkers[0].next_batch(1)
-        assert batch is not None
-        through.ways[0].begin(1, batch.kernel, 0, 1)
+        batch = subject.walk.walkers[0].next_batch(1, DEFAULT_VOXELS)
+        through.ways[0].begin(1, batch, 0, 1)
         assert through.ways[0].send(0.0)
         through.taker.drain()
         assert through.taker.bytes == nbytes(batch)
@@ -214,9 +211,8 @@ def test_a_block_that_is_filled_again_before_it_was_free_is_a_fault(subject: Sub
     """Else what waits for other walkers would grow without end."""
     with channels() as through, subject.frame() as frame:
         through.taker.begin(1, frame, 0, WALKERS, False)
-        for batch in (subject.walk.walkers[0].next_batch(1) for _ in range(BLOCKS)):
-            assert batch is not None
-            through.ways[0].begin(1, batch.kernel, 0, 1)
+        for batch in (subject.walk.walkers[0].next_batch(1, DEFAULT_VOXELS) for _ in range(BLOCKS)):
+            through.ways[0].begin(1, batch, 0, 1)
             assert through.ways[0].send(PATIENCE)
         wait_until(lambda: through.taker.bytes > 0 or through.taker.fault != "", "a batch that is taken")
         for block in range(BLOCKS):
@@ -226,18 +222,16 @@ def test_a_block_that_is_filled_again_before_it_was_free_is_a_fault(subject: Sub
 
 def test_whatever_another_walker_has_still_sent_of_a_frame_that_is_given_up_is_no_fault(subject: Subject) -> None:
     with channels() as through, subject.frame() as frame:
-        later = subject.walk.walkers[0].next_batch(1)
-        assert later is not None
-        through.ways[0].begin(2, later.kernel, 0, 1)
+        later = subject.walk.walkers[0].next_batch(1, DEFAULT_VOXELS)
+        through.ways[0].begin(2, later, 0, 1)
         assert through.ways[0].send(0.0)
         wait_until(lambda: through.taker.newest_frame == 2, "news of the later frame")
         through.taker.begin(1, frame, 0, WALKERS, False)
         through.taker.begin(1, None, 0, 0, False)
         for source in range(WALKERS):
             frame.finish(source)
-        older = subject.walk.walkers[1].next_batch(1)
-        assert older is not None
-        through.ways[1].begin(1, older.kernel, 0, 1)
+        older = subject.walk.walkers[1].next_batch(1, DEFAULT_VOXELS)
+        through.ways[1].begin(1, older, 0, 1)
         assert through.ways[1].send(0.0)
         wait_until(lambda: frame.complete, "a finished frame")
         through.taker.drain()
@@ -282,10 +276,10 @@ def test_whoever_scribbles_in_the_memory_spoils_no_more_than_its_own_batches(
     """The taker goes on, or has found a fault, and ends when it is to."""
     with channels() as through, subject.frame() as frame:
         through.taker.begin(1, frame, 0, WALKERS, False)
-        walker = subject.walk.walkers[0]
+        batches = batches_of(subject.walk.walkers[0], 50)
         for place, what in scribbles:
-            if (batch := walker.next_batch(50)) is not None:
-                through.ways[0].begin(1, batch.kernel, 0, 1)
+            if (batch := next(batches, None)) is not None:
+                through.ways[0].begin(1, batch, 0, 1)
                 through.ways[0].send(0.0)
             through.scribble(place, what)
         through.taker.drain()
@@ -340,8 +334,7 @@ def data_link() -> Iterator[Connection]:
 
 def test_a_block_that_does_not_hold_a_run_is_too_small(subject: Subject) -> None:
     with channels(block_bytes=64) as through:
-        batch = subject.walk.walkers[0].next_batch()
-        assert batch is not None
-        through.ways[0].begin(1, batch.kernel, 0, 1)
+        batch = subject.walk.walkers[0].next_batch(DEFAULT_PACKETS, DEFAULT_VOXELS)
+        through.ways[0].begin(1, batch, 0, 1)
         with pytest.raises(ValueError, match="longest run"):
             through.ways[0].send(0.0)

@@ -25,10 +25,11 @@ from support.scenes.shaded_packets import all_batches
 from support.thoroughness import examples
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
+from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import QUICK, BatchCoder
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
@@ -134,29 +135,29 @@ class Bench:
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
         self.control.send(request(frame, scene, step))
 
-    def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
-        coded = None if self.coder is None else self.coder.coded(batch.parts, QUICK)
+    def sends(self, worker: int, frame: int, sequence: int, batch: Batch) -> None:
+        coded = None if self.coder is None else self.coder.coded(parts_of(batch), QUICK)
         message = messages.Batch(
             frame,
             worker,
             0,
             sequence,
             0 if coded is None else len(coded),
-            [messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts],
+            [messages.BatchPart(part.run_count, part.packet_count) for part in parts_of(batch)],
             batch.reached[0],
             batch.reached[1],
             batch.last,
         )
-        raw = [memory for part in batch.parts for memory in (part.runs, part.packets)]
+        raw = [memory for part in parts_of(batch) for memory in (part.runs, part.packets)]
         self.links[worker].send(message, *(raw if coded is None else [coded]))
 
-    def sends_all(self, frame: int, of_workers: list[list[ShadedBatch]]) -> None:
+    def sends_all(self, frame: int, of_workers: list[list[Batch]]) -> None:
         """What each worker has of a frame."""
         for worker, sent in zip(WORKERS, of_workers, strict=True):
             for sequence, batch in enumerate(sent):
                 self.sends(worker, frame, sequence, batch)
 
-    def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
+    def draws(self, frame: int, of_workers: list[list[Batch]]) -> messages.FrameFinished:
         """A whole frame."""
         self.renders(frame)
         self.sends_all(frame, of_workers)
@@ -201,9 +202,7 @@ def bench() -> Iterator[Bench]:
     bench.close()
 
 
-def batches(
-    boxes: list[Box], scene: Scene = SCENE, step: Step = Step.F, max_packets: int = 500
-) -> list[list[ShadedBatch]]:
+def batches(boxes: list[Box], scene: Scene = SCENE, step: Step = Step.F, max_packets: int = 500) -> list[list[Batch]]:
     """The batches of each box's own worker."""
     asked = request(1, scene, step)
     of_workers = []
@@ -314,7 +313,7 @@ def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypa
     bench = Bench()
     bench.renders(1, scene)
 
-    def deliver(worker: int, sent: list[ShadedBatch]) -> None:
+    def deliver(worker: int, sent: list[Batch]) -> None:
         for sequence, batch in enumerate(sent):
             bench.sends(worker, 1, sequence, batch)
 
@@ -370,8 +369,8 @@ def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else
 ) -> None:
     first, _, _ = batches(slabs(0, 8, 16))
     bench.renders(1)
-    batch = next(batch for batch in first if batch.parts[0].run_count > 1)
-    [part] = batch.parts
+    batch = next(batch for batch in first if parts_of(batch)[0].run_count > 1)
+    [part] = parts_of(batch)
     hostile = bytearray(part.runs)
     hostile[:12] = b"\xff" * 12  # a sheet, row and sample far beyond the volume
     message = messages.Batch(

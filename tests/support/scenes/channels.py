@@ -12,10 +12,12 @@ from torch import Tensor
 from support.patience import wait_until
 from support.scenes.owned import owners
 from support.scenes.rendering import batch_memory
+from support.scenes.shaded_packets import batches_of
 from support.scenes.shadings import WINDOW
 from volsplat.mapshade_server._kernels import BatchChannel, ChannelMemory
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing
@@ -117,6 +119,6 @@ def pushed(walk: FrameWalk, plan: FramePlan, regions: list[Region], most: int) -
     budget = ReadBudget(1 << 62, Bell())
     with begun(plan, regions) as assembly:
         for source, walker in enumerate(walk.walkers):
-            while (batch := walker.next_batch(most)) is not None:
-                assembly.splat.push(source, batch_memory(batch.parts, budget), *batch.reached, batch.last)
+            for batch in batches_of(walker, most):
+                assembly.splat.push(source, batch_memory(parts_of(batch), budget), *batch.reached, batch.last)
         return finished(assembly)

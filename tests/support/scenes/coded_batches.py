@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from support.scenes.row_runs import FARTHEST, Dot, Run, batch_bytes
 from volsplat.mapshade_server import _kernels as encoding
-from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.mapshade_server.links.shaded_part import ShadedPart
 from volsplat.protocol.messages.messages import BatchPart
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS, Dda

@@ -16,7 +16,7 @@ from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.mapshade_server.answers.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.mapshade_server.links.shaded_part import ShadedPart, parts_of
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
@@ -86,10 +86,9 @@ def rendered(
         while delivering:
             source = arrival.choice(delivering) if arrival else delivering[0]
             batch = walks[source].next_batch(max_packets, max_voxels)
-            if batch is None:
+            if batch.last:
                 delivering.remove(source)
-                continue
-            assembly.splat.push(source, batch_memory(batch.parts, budget), *batch.reached, batch.last)
+            assembly.splat.push(source, batch_memory(parts_of(batch), budget), *batch.reached, batch.last)
         wait_until_complete(assembly.splat, news)
         return _image(assembly)
 

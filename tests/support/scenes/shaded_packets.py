@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk, Walker
-from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
+from volsplat.mapshade_server._kernels import Batch, Walker
+from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk
+from volsplat.mapshade_server.links.shaded_part import parts_of
 from volsplat.protocol.rules.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN_BYTES
 
 OFFSETS = 1 << POSITION_BITS
@@ -36,30 +37,29 @@ class Runs:
     origin: Tensor  # (n, 2)
 
 
-def all_batches(
-    walk: FrameWalk, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS
-) -> list[ShadedBatch]:
+def all_batches(walk: FrameWalk, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> list[Batch]:
     """The batches of a whole frame with one walker; they share no memory."""
     [walker] = walk.walkers
     return list(batches_of(walker, max_packets, max_voxels))
 
 
-def batches_of(
-    walker: Walker, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS
-) -> Iterator[ShadedBatch]:
-    while (batch := walker.next_batch(max_packets, max_voxels)) is not None:
+def batches_of(walker: Walker, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> Iterator[Batch]:
+    last = False
+    while not last:
+        batch = walker.next_batch(max_packets, max_voxels)
+        last = batch.last
         yield batch
 
 
-def runs_of(batches: Iterable[ShadedBatch], region: int = 0) -> Runs:
-    data = b"".join(batch.parts[region].runs for batch in batches)
+def runs_of(batches: Iterable[Batch], region: int = 0) -> Runs:
+    data = b"".join(parts_of(batch)[region].runs for batch in batches)
     numbers = torch.tensor(list(memoryview(data).cast("i")), dtype=torch.int64).reshape(-1, ROW_RUN_BYTES // 4)
     return Runs(keys=numbers[:, :3], count=numbers[:, 3], origin=numbers[:, 4:])
 
 
-def packets_of(batches: list[ShadedBatch], region: int = 0) -> Packets:
+def packets_of(batches: list[Batch], region: int = 0) -> Packets:
     runs = runs_of(batches, region)
-    data = b"".join(batch.parts[region].packets for batch in batches)
+    data = b"".join(parts_of(batch)[region].packets for batch in batches)
     packet = torch.tensor(list(memoryview(data).cast("q")), dtype=torch.int64)
     offset = torch.stack((packet % OFFSETS, packet >> POSITION_BITS & (OFFSETS - 1)), dim=1)
     colour = torch.stack([packet >> shift & 255 for shift in range(COLOUR_SHIFT, 64, 8)], dim=1)
