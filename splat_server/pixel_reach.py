@@ -13,25 +13,18 @@ CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
 
 
-def pixel_reach(plan: FramePlan, threads: int) -> PixelReach:
-    """As so many threads find it. Raises BadInput for a footprint larger than any image."""
-    if plan.footprint is not None:
-        return footprint_table(plan.footprint, threads)
-    return cell_map(plan) if plan.reach == Reach.CELL else None
-
-
 def reach_and_cost(plan: FramePlan, threads: int) -> tuple[PixelReach, int]:
-    """With what splatting one packet costs at most, in pixels combined. Raises BadInput as `pixel_reach`."""
-    reach = pixel_reach(plan, threads)
-    return reach, pixels_reached(reach, plan)
+    """As so many threads find it; with what splatting one packet costs at most, in pixels combined.
+
+    Raises BadInput for a footprint larger than any image.
+    """
+    if plan.footprint is not None:
+        table = footprint_table(plan.footprint, threads)
+        return table, min(table.width, plan.width) * min(table.height, plan.height)
+    return (cell_map(plan), _cost_of_cell(plan)) if plan.reach == Reach.CELL else (None, 1)
 
 
-def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
-    """What splatting one packet costs at most, in pixels combined."""
-    if isinstance(reach, FootprintTable):
-        return min(reach.width, plan.width) * min(reach.height, plan.height)
-    if reach is None:
-        return 1
+def _cost_of_cell(plan: FramePlan) -> int:
     sizes = [max(visits.block_sizes()) for visits in plan.visits]  # of a block, whose outline on the screen is reached
     width, height = (
         sum(abs(half_step) * 2 * size / FIXED_ONE for half_step, size in zip(dda.half_steps, sizes, strict=True))
