@@ -26,7 +26,7 @@ BETWEEN = 30  # degrees between viewpoints that the harmonics are fitted to
 
 def light_harmonics(voxels: Any, scene: Scene, light: Light) -> NDArray[np.float64]:
     """What multiplies the reflected colour: harmonics (codes, 16) by the code of a voxel's direction."""
-    of_scene = voxels.light(shading_rule(scene, Step.F).lighting).astype(np.float64)
+    of_scene = voxels.fields.light(shading_rule(scene, Step.F).lighting).astype(np.float64)
     if light != "viewer":
         fixed = np.zeros((len(of_scene), HARMONICS))
         fixed[:, 0] = (of_scene if light == "scene" else 1.0) / HARMONIC
@@ -35,7 +35,7 @@ def light_harmonics(voxels: Any, scene: Scene, light: Light) -> NDArray[np.float
     for elevation in range(-90 + BETWEEN // 2, 90, BETWEEN):
         for azimuth in range(0, 360, BETWEEN):
             seen = scene.with_(rotation=(azimuth, elevation))
-            lit.append(voxels.light(shading_rule(seen, Step.F).lighting))
+            lit.append(voxels.fields.light(shading_rule(seen, Step.F).lighting))
             towards.append(-np.array(screen_rotation(seen.view))[2])
             weights.append(math.sqrt(math.cos(math.radians(elevation))))
     weight = np.array(weights)[:, None]

@@ -11,7 +11,6 @@ from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
-from volsplat.protocol.rules.shading_rule import Lighting
 
 
 class Voxels(NamedTuple):
@@ -57,10 +56,6 @@ class VoxelSheets:
             emitted, reflected = self.fields.colours(index, packets)
             directions = (packets >> DIRECTION_SHIFT & 0x7FFF).astype(np.int64)
             yield Voxels(index, opacity[seen], emitted, reflected, directions)
-
-    def light(self, lighting: Lighting) -> NDArray[np.float32]:
-        """What multiplies the reflected colour, by the direction's code."""
-        return self.fields.light(lighting)
 
     def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
         """Of each sheet within a sub-cube: where it begins, counted in every `every`th; density bytes and where there
