@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import TypeVar
-from urllib.parse import unquote
 
 from volsplat.mapshade_server.held.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
@@ -23,7 +22,6 @@ from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
-LOCAL_URL = "file://"
 HEADER_BYTES = 1024
 WHOLE_BYTES = 4 << 20  # up to which a volume is looked at as a whole, in some milliseconds
 WHOLE_BLOCK_BYTES = 1 << 20
@@ -81,8 +79,7 @@ def check_still(volume: str, opened: OfFiles, description: VolumeDescription, de
 
 def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) -> VolumeIdentity:
     """The identity of what is `opened` by this name now. Raises BadInput if its files cannot be looked at."""
-    name = volume_name(volume)
-    place = unquote(name.place.removeprefix(LOCAL_URL)) if name.place.startswith(LOCAL_URL) else name.place
+    place = volume_name(volume).plain_place
     try:
         files = files_of(opened, Path(place))
         states = [file.state() for file in files]

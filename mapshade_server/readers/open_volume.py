@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.reading.file_marks import HEAD_BYTES, check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.reading.gzip_files import DAMAGED_GZIP, GZIP_MAGIC
@@ -18,7 +17,6 @@ from volsplat.mapshade_server.readers.reading.volume_reader import FolderFormat,
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
-LOCAL_URL = "file://"
 SHORT_EXAMPLE = "dims=256x256x113,type=uint16"  # of raw voxels
 
 
@@ -77,10 +75,9 @@ def open_volume(name: str) -> OpenedVolume:
     Raises BadInput if there is nothing, if the format is unknown, and if the header is not that of a
     volume or promises more than the file holds.
     """
-    place, part = volume_name(name)
-    if place.startswith(LOCAL_URL):
-        place = unquote(place.removeprefix(LOCAL_URL))
-    elif volume_name(name).is_url:
+    named = volume_name(name)
+    place, part = named.plain_place, named.part
+    if "://" in place:
         from volsplat.mapshade_server.readers.zarr_arrays.zarr_store import open_url
 
         return open_url(place, part)  # the only format that is read over networks

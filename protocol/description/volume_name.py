@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote
 
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 
+LOCAL_URL = "file://"
 LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
 
 
@@ -23,6 +25,11 @@ class VolumeName(NamedTuple):
     @property
     def is_url(self) -> bool:
         return "://" in self.place
+
+    @property
+    def plain_place(self) -> str:
+        """The place; of a URL of this machine's files their path."""
+        return unquote(self.place.removeprefix(LOCAL_URL)) if self.place.startswith(LOCAL_URL) else self.place
 
     def __str__(self) -> str:
         return f"{self.place}#{self.part}" if self.part else self.place

@@ -5,15 +5,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.reading.named_files import hold_names_to
 from volsplat.program.confinement import confine_reading
 from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
-
-LOCAL_URL = "file://"
 
 
 class DataRoot:
@@ -36,7 +33,7 @@ class DataRoot:
     def check(self, volume: str) -> None:
         """Raises BadInput, in the same words whether there is something or not."""
         name = volume_name(volume)
-        place = unquote(name.place.removeprefix(LOCAL_URL)) if name.place.startswith(LOCAL_URL) else name.place
+        place = name.plain_place
         if "://" in place:
             raise BadInput(f"{name.place}: this server reads no URLs, but what lies below its --data-root")
         try:
