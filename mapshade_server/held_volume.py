@@ -145,21 +145,21 @@ class HeldVolume:
         except NoRoom:  # for a solid; to know better, all packets are looked at once
             most = [most_needed(cube.block_densities, cube.box, drawing, slabs) for cube in sub_cubes]
             room = self._taken_for_slabs(sub_cubes, most)
+        for cube, bytes_ in zip(sub_cubes, room, strict=True):
+            cube.slab_room = bytes_
         try:
             yield
         finally:
             self._budget.taken()
-        for cube, bytes_ in zip(sub_cubes, room, strict=True):
-            cube.slab_room = max(cube.slab_room, bytes_)
 
     def _taken_for_slabs(self, sub_cubes: Sequence[SubCube], most: Sequence[int]) -> list[int]:
         """The room of each sub-cube of which so many voxels may be needed. Raises NoRoom."""
         room = [bytes_to_walk_slabs(cube.box, needed) for cube, needed in zip(sub_cubes, most, strict=True)]
-        new = sum(max(bytes_ - cube.slab_room, 0) for cube, bytes_ in zip(sub_cubes, room, strict=True))
-        if new:
-            held = self.packed_bytes + sum(int(LIST_BYTES * cube.box.voxels) + cube.slab_room for cube in sub_cubes)
+        needed, kept = sum(room), sum(cube.slab_room for cube in sub_cubes)
+        if needed > kept:
+            held = self.packed_bytes + kept + sum(int(LIST_BYTES * cube.box.voxels) for cube in sub_cubes)
             budget = replace(self._budget, limit=None) if self._of.store else self._budget
-            budget.take(new, held, let_go=0, use=NEEDED)
+            budget.take(needed, held, let_go=kept, use=NEEDED)
         return room
 
     def check(self, assignment: int, what: str) -> None:

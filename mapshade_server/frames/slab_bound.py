@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +25,24 @@ def most_needed(densities: BlockDensities, box: Box, drawing: Drawing, slabs: Sl
     )
     needed = _widened(np.maximum, _showing(least, greatest, drawing, slabs), slabs.needs.reach)
     _mark_near_others(needed, box, drawing.dims, slabs)
-    k, j, i = (
-        np.minimum(BLOCK, size - BLOCK * np.arange(blocks))
-        for size, blocks in zip(box.size[::-1], needed.shape, strict=True)
-    )
-    return int(np.einsum("kji,k,j,i->", needed, k, j, i, dtype=np.int64, casting="unsafe"))
+    count: Any = needed
+    for size, blocks in zip(box.size, needed.shape[::-1], strict=True):
+        count = count @ np.minimum(BLOCK, size - BLOCK * np.arange(blocks))
+    return int(count)
 
 
 def _showing(least: Bytes, greatest: Bytes, drawing: Drawing, slabs: SlabShape) -> Bytes:
     """Where densities around enclose one that can be seen, or may be brought to it by weights below 0."""
+    of_pair = _showing_pairs(drawing, slabs).ravel()
+    return np.asarray(of_pair[least.astype(np.uint16) << 8 | greatest])
+
+
+def _showing_pairs(drawing: Drawing, slabs: SlabShape) -> Bytes:
+    """For each least density around, a row of all greatest ones."""
     seen = np.frombuffer(shading_tables.visibility(shading_tables.opacity_rule(drawing.shading)), np.uint8)
     up_to = np.concatenate(([0], np.cumsum(np.unpackbits(seen, count=TABLE_ENTRIES, bitorder="little"), dtype=int)))
-    between = np.maximum(greatest.astype(float) - least, 0.0)
+    least, greatest = np.ogrid[:TABLE_ENTRIES, :TABLE_ENTRIES]
+    between = np.maximum(greatest - least, 0).astype(float)
     more = np.ceil(np.minimum(between * slabs.overshoot / LEAST_KNOWN[slabs.kernel], DENSEST)).astype(int)
     first, last = np.maximum(least - more, 0), np.minimum(greatest + more, DENSEST)
     return np.asarray((least <= greatest) & (up_to[last + 1] > up_to[first]), np.uint8)
@@ -44,12 +51,12 @@ def _showing(least: Bytes, greatest: Bytes, drawing: Drawing, slabs: SlabShape) 
 def _widened(extreme: Callable[..., Bytes], blocks: Bytes, reach: Index) -> Bytes:
     """The extremes of all that may lie so many voxels away from some of a block."""
     for axis, voxels in enumerate(reach[::-1]):
-        lines = np.moveaxis(blocks, axis, 0)
-        found = lines.copy()
-        for shift in range(1, min(math.ceil(voxels / BLOCK) + 1, len(lines))):
-            extreme(found[shift:], lines[:-shift], out=found[shift:])
-            extreme(found[:-shift], lines[shift:], out=found[:-shift])
-        blocks = np.moveaxis(found, 0, axis)
+        found, before = blocks.copy(), (slice(None),) * axis  # memory is taken as it lies, whichever axis it is
+        for shift in range(1, min(math.ceil(voxels / BLOCK) + 1, blocks.shape[axis])):
+            later, earlier = (*before, slice(shift, None)), (*before, slice(None, -shift))
+            extreme(found[later], blocks[earlier], out=found[later])
+            extreme(found[earlier], blocks[later], out=found[earlier])
+        blocks = found
     return blocks
 
 

@@ -51,7 +51,9 @@ class SubCube:
         self._packets: _kernels.Array | None = None
         self._classified_rows = _kernels.ClassifiedRows(box.size, LISTS_PER_PACKET)
         self._needed_voxels: _kernels.NeededVoxels | None = None
-        self.slab_room = 0  # bytes that there was room for when slabs were walked, to keep needed voxels in
+        # Bytes that its needed voxels may take: there was room for them when they were looked for last. They go as soon
+        # as others are.
+        self.slab_room = 0
 
     @classmethod
     def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
