@@ -55,5 +55,10 @@ def check_is_voxel(index: Index, dims: Index) -> None:
 def _digits(number: int | float, scalar_type: str) -> str:
     if scalar_type != "float32" or math.isnan(number):
         return repr(number).removesuffix(".0")
-    shortened = (f"{number:.{digits}g}" for digits in SINGLE_DIGITS)
-    return next(text for text in shortened if struct.pack("<f", float(text)) == struct.pack("<f", number))
+    told = [text for digits in SINGLE_DIGITS if _is_same(float(text := f"{number:.{digits}g}"), number)]
+    return min(told, key=len)  # fewer digits and a power of ten may be longer
+
+
+def _is_same(told: float, number: float) -> bool:
+    """As float32."""
+    return struct.pack("<f", told) == struct.pack("<f", number)

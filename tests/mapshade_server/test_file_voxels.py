@@ -11,7 +11,7 @@ import nibabel
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -133,6 +133,7 @@ def test_a_voxel_is_told_as_the_array_has_it(
 
 
 @given(number=st.floats(width=32))
+@example(74237232.0)  # of seven digits it is 7.423723e+07
 def test_a_number_is_printed_in_as_many_digits_as_it_has(number: float) -> None:
     (text,) = FileVoxel(number, None, ("float32",)).digits
     assert np.array_equal(np.float32(text), np.float32(number), equal_nan=True)
