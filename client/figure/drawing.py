@@ -48,6 +48,20 @@ class Line(NamedTuple):
     halo: Colour | None = None
 
 
+class Pen(NamedTuple):
+    """What draws words and lines over the picture, the latter so many ems thick, but a pixel at least."""
+
+    em: int  # the size of words, in pixels
+    ink: Colour
+    paper: Colour  # sets them off
+
+    def words(self, x: float, y: float, text: str, anchor: Anchor = Anchor.START, bold: bool = False) -> Words:
+        return Words(x, y, text, self.em, self.ink, self.paper, anchor, bold)
+
+    def line(self, x0: float, y0: float, x1: float, y1: float, ems: float) -> Line:
+        return Line(x0, y0, x1, y1, max(ems * self.em, 1.0), self.ink, self.paper)
+
+
 class Box(NamedTuple):
     """A filled rectangle."""
 

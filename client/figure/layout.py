@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.client.figure.colour_bars import INSET, NONE, ColourBars, colour_bars
-from volsplat.client.figure.drawing import Anchor, Drawing, Shape, Words
+from volsplat.client.figure.drawing import Anchor, Drawing, Pen, Shape, Words
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.pointing_labels import Ways, pointing_labels
 from volsplat.client.figure.room import Room
@@ -74,23 +74,22 @@ def laid_out(
     `of_several`: see `colour_bars`. `ways` are those of the labels in the image before, and then in this one.
     """
     scene, description = volume.settled(scene), volume.description
-    ink, paper = figure.ink_on(scene.image.background)
-    em, above = figure.em_on(scene.image), _above(figure, scene.image)
-    corner = (0, above)
+    pen = Pen(figure.em_on(scene.image), *figure.ink_on(scene.image.background))
+    corner = (0, _above(figure, scene.image))
     room = Room(*corner, scene.image.width, scene.image.height)
     shapes: list[Shape] = []
     if figure.title:
-        shapes.append(_title(figure, scene.image, ink))
+        shapes.append(_title(figure, scene.image, pen.ink))
     if figure.scale_bar:
-        shapes += scale_bars(scene, description, corner, em, ink, paper)
+        shapes += scale_bars(scene, description, corner, pen)
         room.take(shapes)
     if figure.sides:
-        shapes += side_marks(scene, description, room, corner, em, ink, paper)
+        shapes += side_marks(scene, description, room, corner, pen)
     if figure.labels:
         kept = {} if ways is None else ways
-        shapes += pointing_labels(figure.labels, scene, description.geometry, room, corner, em, ink, paper, kept)
+        shapes += pointing_labels(figure.labels, scene, description.geometry, room, corner, pen, kept)
     bars = _bars(figure, scene, volume, of_several)
-    shapes += bars.shapes(above + scene.image.height, scene.image.width, em, ink)
+    shapes += bars.shapes(corner[1] + scene.image.height, scene.image.width, pen.em, pen.ink)
     width, whole = figure_extent(figure, scene, volume, of_several)
     return Drawing(
         width=width,

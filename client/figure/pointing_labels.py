@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import chain
 
-from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
+from volsplat.client.figure.drawing import Anchor, Line, Pen, Shape, Words
 from volsplat.client.figure.room import Room
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Colour, Image, Scene
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -70,9 +70,7 @@ def pointing_labels(
     geometry: Geometry,
     room: Room,
     corner: tuple[int, int],
-    em: int,
-    ink: Colour,
-    paper: Colour,
+    pen: Pen,
     ways: Ways,
 ) -> list[Shape]:
     """Where there is room, which they take; those of voxels outside the picture are left out.
@@ -84,22 +82,20 @@ def pointing_labels(
         x, y = place_of(point, scene, geometry)
         if not _is_inside(x, y, scene.image):
             continue
-        tried = chain([ways[n]] if n in ways else [], _ways(x, y, scene.image, em))
+        tried = chain([ways[n]] if n in ways else [], _ways(x, y, scene.image, pen.em))
         start = (x + corner[0], y + corner[1])
-        line, _ = best = room.best(_pointing(text, start, way, em, ink, paper) for way in tried)
+        line, _ = best = room.best(_pointing(text, start, way, pen) for way in tried)
         ways[n] = (line.x1 - line.x0, line.y1 - line.y0)
         room.take(best)
         shapes += best
     return shapes
 
 
-def _pointing(
-    text: str, start: tuple[float, float], way: tuple[float, float], em: int, ink: Colour, paper: Colour
-) -> tuple[Line, Words]:
+def _pointing(text: str, start: tuple[float, float], way: tuple[float, float], pen: Pen) -> tuple[Line, Words]:
     end, side = (start[0] + way[0], start[1] + way[1]), 1 if way[0] > 0 else -1
     anchor = Anchor.START if side > 0 else Anchor.END
-    line = Line(*start, *end, max(THICKNESS * em, 1.0), ink, paper)
-    return line, Words(end[0] + 0.25 * em * side, end[1] + 0.36 * em, text, em, ink, paper, anchor)
+    words = pen.words(end[0] + 0.25 * pen.em * side, end[1] + 0.36 * pen.em, text, anchor)
+    return pen.line(*start, *end, THICKNESS), words
 
 
 def _ways(x: float, y: float, image: Image, em: int) -> Iterator[tuple[float, float]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from volsplat.client.figure.drawing import Line, Shape, Words
+from volsplat.client.figure.drawing import Pen, Shape
 from volsplat.client.volume.scales import Scale, round_length, scale_text, scales_of
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.resolved_view import resolved_zoom, screen_rotation
@@ -43,21 +43,19 @@ def _share_on_screen(scale: Scale, scene: Scene, geometry: Geometry) -> float:
     return math.hypot(along[0], along[1]) / matrices.length(along)
 
 
-def scale_bars(
-    scene: Scene, description: VolumeDescription, corner: tuple[int, int], em: int, ink: Colour, paper: Colour
-) -> list[Shape]:
+def scale_bars(scene: Scene, description: VolumeDescription, corner: tuple[int, int], pen: Pen) -> list[Shape]:
     """One for each scale that is seen of the volume, the first at the top; `corner` is the picture's.
 
     Each has a row of its own, seen or not, so that in a movie none moves as another comes and goes.
     """
     shapes: list[Shape] = []
     scales = scales_of(description)
-    left = corner[0] + MARGIN * em
+    left = corner[0] + MARGIN * pen.em
     for n, scale in enumerate(scales):
         if not is_seen(scale, scene, description.geometry):
             continue
         length, pixels = bar_length(scale, scene, description)
-        y = corner[1] + scene.image.height - (MARGIN + ROW * (len(scales) - 1 - n)) * em
-        shapes.append(Words(left, y - WORDS * em, scale_text(scale, length), em, ink, paper))
-        shapes.append(Line(left, y, left + pixels, y, max(THICKNESS * em, 1.0), ink, paper))
+        y = corner[1] + scene.image.height - (MARGIN + ROW * (len(scales) - 1 - n)) * pen.em
+        shapes.append(pen.words(left, y - WORDS * pen.em, scale_text(scale, length)))
+        shapes.append(pen.line(left, y, left + pixels, y, THICKNESS))
     return shapes

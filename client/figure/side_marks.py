@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from volsplat.client.figure.drawing import Anchor, Shape, Words
+from volsplat.client.figure.drawing import Anchor, Pen, Shape
 from volsplat.client.figure.room import Room
 from volsplat.client.scene.view_sides import STANDPOINTS, sides
-from volsplat.protocol.description.scene import Colour, Image, Scene, View
+from volsplat.protocol.description.scene import Image, Scene, View
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry import matrices
 
@@ -34,13 +34,7 @@ def edge_marks(view: View, description: VolumeDescription) -> dict[str, str]:
 
 
 def side_marks(
-    scene: Scene,
-    description: VolumeDescription,
-    room: Room,
-    corner: tuple[int, int],
-    em: int,
-    ink: Colour,
-    paper: Colour,
+    scene: Scene, description: VolumeDescription, room: Room, corner: tuple[int, int], pen: Pen
 ) -> list[Shape]:
     """At the picture's edges, as near their middles as there is room, which they take; a mark without any is left out.
 
@@ -52,8 +46,8 @@ def side_marks(
         if not mark:
             continue
         best = room.best(
-            (Words(left, base, mark, em, ink, paper, anchor, bold=True),)
-            for left, base, anchor in _places(edge, scene.image, corner, em)
+            (pen.words(left, base, mark, anchor, bold=True),)
+            for left, base, anchor in _places(edge, scene.image, corner, pen.em)
         )
         if not room.trouble(best).covered:
             room.take(best)
