@@ -78,10 +78,7 @@ class AskedImages:
         def drawn(step: Step) -> Iterator[Refinement]:
             return self.draw(scene, step, partial_interval, step in exact, thinning, asked)
 
-        try:
-            yield from refined(drawn, scene, first, last)
-        except FrameGivenUp:
-            return
+        return refined(drawn, scene, first, last)
 
     def draw(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
@@ -22,6 +23,7 @@ from volsplat.client.caller.arguments import (
 from volsplat.client.coordinator.coordinator_events import Found, FrameOutcome, PlaneAsked, PointAsked, SliceAsked
 from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.histogram.plane_counts import PlaneCounts
+from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
@@ -236,15 +238,19 @@ class Renderer(ABC):
 def refined(
     drawn: Callable[[Step], Iterator[Refinement]], scene: Scene, first: Step, last: Step
 ) -> Iterator[Refinement]:
-    """The steps `first` to `last`, as `drawn` gives each: partial images of the bare buffer, then the finished one."""
+    """The steps `first` to `last`, as `drawn` gives each: partial images of the bare buffer, then the finished one.
+
+    Ends where `drawn` raises FrameGivenUp.
+    """
     under: PublishedImage | None = None
-    for step in [step for step in Step if first <= step <= last]:
-        for refinement in drawn(step):
-            if refinement.complete:
-                under = None if scene.refine.bare_buffer else refinement.published
-                yield refinement
-            else:
-                yield replace(refinement, published=laid_over(refinement.published, under))
+    with suppress(FrameGivenUp):
+        for step in [step for step in Step if first <= step <= last]:
+            for refinement in drawn(step):
+                if refinement.complete:
+                    under = None if scene.refine.bare_buffer else refinement.published
+                    yield refinement
+                else:
+                    yield replace(refinement, published=laid_over(refinement.published, under))
 
 
 def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:

@@ -38,6 +38,7 @@ from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.voxel_question_kinds import Asked, question_for
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import volume_in_memory
+from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
     FILE_SECONDS,
@@ -77,10 +78,6 @@ WORKER = 1  # the one map/shade "server"
 ASKED = 1  # the one question: it is answered before the next one is asked
 LOOK_SECONDS = 0.1  # between two looks at whether something else is wanted
 TAKEN = handlers(VolumeHolding)
-
-
-class Superseded(Exception):
-    """Another frame was drawn since; nothing is left of this one."""
 
 
 @dataclass(frozen=True)
@@ -167,15 +164,12 @@ class SingleProcess(Renderer):
             nonlocal newest
             with self._drawing:
                 if newest not in (0, self._frame):
-                    raise Superseded
+                    raise FrameGivenUp("what followed a frame gave way to a newer one")
                 begun = self._begun(scene, step, thinning)
                 newest = self._frame
             return self._drawn(begun, interval)
 
-        try:
-            yield from refined(drawn, scene, first, last)
-        except Superseded:
-            return
+        return refined(drawn, scene, first, last)
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
@@ -216,7 +210,7 @@ class SingleProcess(Renderer):
         return VoxelSheets(sub_cubes, VoxelFields(drawing, mixture_of(sub_cubes)), finest.geometry, every)
 
     def _drawn(self, begun: _Begun, partial_interval: float) -> Iterator[Refinement]:
-        """Partial images of the bare buffer, then the finished one. Raises Superseded."""
+        """Partial images of the bare buffer, then the finished one. Raises FrameGivenUp."""
         step, assembly = begun.step, begun.assembly
         pace, shown = PartialPace(step, partial_interval), begun.at
         heard, progress_due = self._news.rung, begun.at + PROGRESS_SECONDS
@@ -234,7 +228,7 @@ class SingleProcess(Renderer):
         yield self._finished(begun, drawn=time.perf_counter())
 
     def _finished(self, begun: _Begun, drawn: float) -> Refinement:
-        """The finished image, of a frame that was drawn at that moment. Raises Superseded."""
+        """The finished image, of a frame that was drawn at that moment. Raises FrameGivenUp."""
         step, assembly = begun.step, begun.assembly
         with self._drawing:
             image = self._published(assembly)
@@ -246,16 +240,16 @@ class SingleProcess(Renderer):
         return Refinement(step, image, StepOutcome(step, now - begun.at, now - drawn, servers))
 
     def _published(self, assembly: FrameAssembly) -> PublishedImage:
-        """As it stands. Raises Superseded."""
+        """As it stands. Raises FrameGivenUp."""
         with self._drawing:
             self._check_newest(assembly)
             return PublishedImage(assembly.published(), *assembly.plan.image_size)
 
     def _check_newest(self, assembly: FrameAssembly) -> None:
-        """Raises Superseded if another frame was begun, which ends this one, and PeerLost once all is closed."""
+        """Raises FrameGivenUp if another frame was begun, which ends this one, and PeerLost once all is closed."""
         self._check_open()
         if assembly.frame != self._frame:
-            raise Superseded
+            raise FrameGivenUp("this frame gave way to a newer one")
 
     def _begun(self, scene: Scene, step: Step, thinning: Thinning = ALL_VOXELS) -> _Begun:
         """Have the threads draw it, and nothing else any more; the lock is held. Raises BadInput."""
