@@ -6,10 +6,10 @@ or from element_size_um, which Fiji and ilastik write; the values' meaning from 
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     links_out,
     lost_links,
     refuse_outside,
-    sources_without,
+    soft_links,
 )
 from volsplat.mapshade_server.readers.arrays.hdf5_sources import value_files
 from volsplat.mapshade_server.readers.reading.natural_order import natural_order
@@ -80,9 +80,10 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
         name, dataset, parts = _dataset(chosen, file)
         chosen = chosen._replace(path=name)
         _check_readable(chosen, dataset)
+        lies = value_files(path, name)
         attributes = _attributes(dataset)
         values = cf_values(chosen.whole, dataset.dtype, {**_never_written(dataset), **attributes})
-        coordinates = _axes(dataset, attributes)
+        coordinates = _axes(dataset, attributes, _groups_around(path, name, file, dataset))
         grid = array_grid(chosen, [one.axis for one in coordinates])
         chunk_items = SIEVE_BYTES // dataset.dtype.itemsize
         return array_volume(
@@ -93,17 +94,16 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             _picks(path, name),
             density_name=text_attribute(attributes, "long_name") or name.rpartition("/")[2],
             value_unit=text_attribute(attributes, "units"),
-            warnings=[*_told_missing(dataset), *warnings_of(coordinates, grid)],
+            warnings=[*_told_missing(dataset, lies.missing), *warnings_of(coordinates, grid)],
             chunk=grid.chunk(dataset.chunks, chunk_items),
             why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
-            files=_files(path, [name]),
+            files=_files(lies.files),
             parts=parts,
         )
 
 
-def _files(path: Path, names: Sequence[str]) -> Callable[[], Sequence[VolumeFile]]:
-    """The file itself, and those that links and virtual datasets lead to."""
-    files = disk_files([place for name in names for place in value_files(path, name)])
+def _files(places: Sequence[Path]) -> Callable[[], Sequence[VolumeFile]]:
+    files = disk_files(places)
     return lambda: files
 
 
@@ -123,6 +123,8 @@ def _image(part: ArrayPart, image: Hdf5Image, file: Any) -> OpenedVolume:
         part = part._replace(path=path)
         _check_readable(part, file[path])
     dataset = file[image.path]
+    paths = filter(None, (image.path, image.point_ghosts, image.cell_ghosts))
+    lie = [value_files(Path(part.place), path) for path in paths]
     values = plain_values(part.whole, dataset.dtype)
     pick = _picks(Path(part.place), image.path)
     ghosts = Ghosts(_ghosts(part, image, image.point_ghosts), _ghosts(part, image, image.cell_ghosts))
@@ -137,10 +139,10 @@ def _image(part: ArrayPart, image: Hdf5Image, file: Any) -> OpenedVolume:
         unit=image.unit,
         anatomical=image.anatomical,
         density_name=image.density_name,
-        warnings=tuple(_told_missing(dataset)),
+        warnings=tuple(_told_missing(dataset, lie[0].missing)),
     )
-    names = [path for path in (image.path, image.point_ghosts, image.cell_ghosts) if path]
-    return OpenedVolume(description, read, _files(Path(part.place), names), parts=image.parts)
+    files = _files([place for one in lie for place in one.files])
+    return OpenedVolume(description, read, files, parts=image.parts)
 
 
 def _ghosts(part: ArrayPart, image: Hdf5Image, path: str) -> Reader | None:
@@ -215,6 +217,8 @@ def _arrays(group: Any, root: str) -> dict[str, Any]:
         look(name, one)
         if isinstance(one, h5py().Group):
             one.visititems(lambda inner, it, name=name: look(f"{name}/{inner}", it))
+            for inner in soft_links(one, MOST_OBJECTS):  # to elsewhere in that file, of which nothing else is looked at
+                look(f"{name}/{inner}", behind(one, inner))
     return {path: one for one, path in found.items()}
 
 
@@ -248,9 +252,8 @@ def _check_readable(part: ArrayPart, dataset: Any) -> None:
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
 
 
-def _told_missing(dataset: Any) -> list[str]:
+def _told_missing(dataset: Any, missing: list[str]) -> list[str]:
     """Of files that should hold its voxels, and are not there or do not. Raises BadInput if none does."""
-    missing = sources_without(dataset)
     if not missing:
         return []
     every = len(files_beside(dataset))
@@ -284,12 +287,32 @@ def _never_written(dataset: Any) -> dict[str, Any]:
     return {}
 
 
-def _axes(dataset: Any, attributes: Attributes) -> list[Coordinates]:
+class _Group(NamedTuple):
+    """Of a file, by a path there: h5py may name it by one that leads to it from another file."""
+
+    group: Any
+    file: Path
+    path: str
+
+
+def _groups_around(path: Path, name: str, file: Any, dataset: Any) -> list[_Group]:
+    """The group in which a dataset is named, and that of another file in which it lies, if a link leads there."""
+    where, _, _ = name.rpartition("/")
+    groups = [_Group(file[where or "/"], path, where)]
+    with suppress(KeyError):
+        lies = dataset.parent
+        if lies != groups[0].group and behind(lies, dataset.name.rpartition("/")[2]) == dataset:
+            groups.append(_Group(lies, Path(lies.file.filename), lies.name.rstrip("/")))
+    return groups
+
+
+def _axes(dataset: Any, attributes: Attributes, around: Sequence[_Group]) -> list[Coordinates]:
     """The dataset's axes, by what is the first to describe them all."""
     scales = [_scale(dataset, n) for n in range(dataset.ndim)]
-    for n, name in enumerate(_nexus_axes(dataset)):
-        if scales[n].axis == ArrayAxis(dataset.shape[n]) and name in dataset.parent:
-            scales[n] = _variable(dataset.shape[n], name, dataset.parent[name])
+    for n, (group, name) in enumerate(_nexus_axes(dataset.ndim, around)):
+        if scales[n].axis == ArrayAxis(dataset.shape[n]) and name in group.group:
+            if isinstance(variable := behind(group.group, name), h5py().Dataset):
+                scales[n] = _variable(dataset.shape[n], name, variable, (group.file, f"{group.path}/{name}"))
     sizes = attributes.get("element_size_um")
     if isinstance(sizes, list) and len(sizes) == 3 and dataset.ndim >= 3:
         end = dataset.ndim - _ends_in_components([one.axis for one in scales])
@@ -314,31 +337,35 @@ def _scale(dataset: Any, n: int) -> Coordinates:
     dimension = dataset.dims[n]
     if len(dimension):
         scale = dimension[0]
-        return _variable(dataset.shape[n], scale.name.rpartition("/")[2], scale)
+        where = Path(scale.file.filename), scale.name
+        return _variable(dataset.shape[n], scale.name.rpartition("/")[2], scale, where)
     return coordinates_of(dataset.shape[n], dimension.label, None, {})
 
 
-def _variable(length: int, name: str, variable: Any) -> Coordinates:
+def _variable(length: int, name: str, variable: Any, where: tuple[Path, str]) -> Coordinates:
+    """`where` it is found: a file, and a path there."""
     attributes = _attributes(variable)
     if text_attribute(attributes, "NAME").startswith(ONLY_A_NAME) or variable.ndim != 1:
         return coordinates_of(length, name, None, {})
     fits = variable.shape[0] in (length, length + 1) and variable.dtype.kind in "iuf"
-    return coordinates_of(length, name, (lambda: _numbers(length, variable)) if fits else None, attributes)
+    return coordinates_of(length, name, (lambda: _numbers(length, variable, where)) if fits else None, attributes)
 
 
-def _numbers(length: int, variable: Any) -> NDArray[Any]:
+def _numbers(length: int, variable: Any, where: tuple[Path, str]) -> NDArray[Any]:
     """The coordinates in a variable, one for each index."""
     check_chunks(variable.name, variable)
-    value_files(Path(variable.file.filename), variable.name)  # which may be more than can be gone through
+    value_files(*where)  # which may be more than can be gone through
     numbers = read_selection(variable, (slice(None),))
     return numbers if len(numbers) == length else (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
 
 
-def _nexus_axes(dataset: Any) -> list[str]:
-    """The names of the datasets beside that NeXus says describe the axes; no more than there are axes."""
-    names = _attributes(dataset.parent).get("axes", [])
-    listed = names if isinstance(names, list) else str(names).replace(":", ",").split(",")
-    return [str(name) for name in listed][: dataset.ndim]
+def _nexus_axes(count: int, around: Sequence[_Group]) -> list[tuple[_Group, str]]:
+    """The datasets that NeXus says describe so many axes, by the first group that says so."""
+    for group in around:
+        if names := _attributes(group.group).get("axes"):
+            listed = names if isinstance(names, list) else str(names).replace(":", ",").split(",")
+            return [(group, str(name)) for name in listed[:count]]
+    return []
 
 
 FORMATS = (VolumeFormat("HDF5 dataset (.h5, .nxs)", open_hdf5, recognises),)

@@ -1,8 +1,6 @@
 """Files that an HDF5 file names: by external links, by virtual datasets, and as places of a dataset's values."""
 
-import os
 import sys
-from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -13,26 +11,17 @@ from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.named_files import are_held, named_file
 
 SAME_FILE = "."
-PREFIX = "HDF5_VDS_PREFIX"  # where else HDF5 looks
 MOST_OBJECTS = 20000  # of a file that are looked at for datasets, and links for files
 MOST_HOPS = 16  # from link to link, as HDF5 has it
 
 
 def files_beside(dataset: Any) -> list[str]:
     """The names of the files that hold its values, each once; none where these lie in its own."""
-    virtual = [_meant(file) for file, _ in _named(dataset)] if dataset.is_virtual else []
+    virtual = list[str]()
+    if dataset.is_virtual:  # which writes a percent sign twice
+        told = dataset.id.get_create_plist()
+        virtual = [told.get_virtual_filename(n).replace("%%", "%") for n in range(told.get_virtual_count())]
     return list(dict.fromkeys([*virtual, *(name for name, _, _ in dataset.external or ())]))
-
-
-def _named(dataset: Any) -> Iterator[tuple[str, str]]:
-    """The file and path of each mapping of a virtual dataset, as they are written."""
-    told = dataset.id.get_create_plist()
-    return ((told.get_virtual_filename(n), told.get_virtual_dsetname(n)) for n in range(told.get_virtual_count()))
-
-
-def _meant(name: str) -> str:
-    """A virtual dataset writes a percent sign twice."""
-    return name.replace("%%", "%")
 
 
 def is_numbered(name: str) -> bool:
@@ -47,35 +36,6 @@ def check_files_beside(dataset: Any) -> None:
             check_is_file(place)
 
 
-def sources_without(dataset: Any) -> list[str]:
-    """Those files of a virtual dataset that do not hold what it takes from them; HDF5 gives its fill value instead.
-
-    They are not where HDF5 looks for them, are no HDF5 files, or lack a dataset. Names without end, numbered by %b, are
-    left to HDF5.
-    """
-    if not dataset.is_virtual or PREFIX in os.environ:
-        return []
-    taken: defaultdict[str, set[str]] = defaultdict(set)  # by file
-    for file, path in _named(dataset):
-        if not (is_numbered(file) or is_numbered(path)):
-            taken[_meant(file)].add(_meant(path))
-    return [name for name, paths in taken.items() if not _holds(Path(dataset.file.filename), name, paths)]
-
-
-def _holds(own: Path, name: str, paths: set[str]) -> bool:
-    """Whether a file that another one names has something at all of these paths."""
-    place = own if name == SAME_FILE else found_beside(own, name)
-    if place is None or not h5py().is_hdf5(place):
-        return False
-    try:
-        with hdf5_file(place) as file:
-            for path in paths:
-                check_way(file, path)
-            return all(path in file for path in paths)
-    except OSError:  # it is cut short
-        return False
-
-
 def found_beside(own: Path, name: str) -> Path | None:
     """The file that another one names, where HDF5 finds it; held to a folder, only where it may look."""
     given = Path(name)
@@ -87,15 +47,23 @@ def found_beside(own: Path, name: str) -> Path | None:
 
 def links_out(group: Any, most: int) -> list[tuple[str, Any]]:
     """The external links in a group and its groups, by path, among so many links of all kinds."""
-    found: list[tuple[str, Any]] = []
+    return [(path, group.get(path, getlink=True)) for path in _links(group, most, h5py().h5l.TYPE_EXTERNAL)]
+
+
+def soft_links(group: Any, most: int) -> list[str]:
+    """The paths of the soft ones, likewise."""
+    return _links(group, most, h5py().h5l.TYPE_SOFT)
+
+
+def _links(group: Any, most: int, kind: int) -> list[str]:
+    found: list[str] = []
     left = most
 
     def look(name: bytes, info: Any) -> bool | None:
         nonlocal left
         left -= 1
-        if info.type == h5py().h5l.TYPE_EXTERNAL:
-            path = name.decode(errors="surrogateescape")
-            found.append((path, group.get(path, getlink=True)))
+        if info.type == kind:
+            found.append(name.decode(errors="surrogateescape"))
         return True if left <= 0 else None
 
     group.id.links.visit(look, info=True)
@@ -107,7 +75,10 @@ def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> list[Path]:
 
     Raises BadInput if one leads to what is no file: HDF5 would wait for a FIFO.
     """
-    at, steps = group.file if path.startswith("/") else group, [step for step in path.split("/") if step]
+    at, steps = (
+        group.file if path.startswith("/") else group,
+        [step for step in path.split("/") if step not in ("", ".")],
+    )
     for n, step in enumerate(steps):
         link, rest = at.get(step, getlink=True), "/".join(steps[n + 1 :])
         if isinstance(link, h5py().ExternalLink):
@@ -132,7 +103,7 @@ def _check_way_out(group: Any, link: Any, rest: str, hops: int) -> list[Path]:
 
 
 def behind(group: Any, name: str) -> Any:
-    """What an external link of the group leads to, None if that is not there. Raises BadInput if it is no file."""
+    """What a link of the group leads to, None if that is not there. Raises BadInput if it is no file."""
     check_way(group, name)
     return group.get(name)
 

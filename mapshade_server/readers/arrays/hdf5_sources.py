@@ -1,6 +1,7 @@
 """The datasets that a virtual one takes its values from, which part of each a selection needs, and in which files."""
 
 import math
+import os
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,6 +19,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_names import (
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.protocol.text.errors import BadInput
 
+PREFIX = "HDF5_VDS_PREFIX"  # where else HDF5 looks
 MOST_WAYS = 100_000  # by which a dataset takes its values through others, or from numbered ones
 
 Part = tuple[range, ...]  # of a dataset, by axis
@@ -45,6 +47,23 @@ class _Taken(NamedTuple):
     into: _Selected | None  # itself; None if that has no end
 
 
+class _Way(NamedTuple):
+    """From a virtual dataset to a source."""
+
+    to: _Source
+    number: int  # among the sources that one mapping names
+    numbered: bool  # by %b, as many as there are
+
+
+class ValueFiles(NamedTuple):
+    """Where the values of a dataset lie."""
+
+    files: list[Path]  # that hold them, or lead to them; the file that was asked about first
+    # Those that a virtual dataset names, one by one, and that do not hold what it takes from them: HDF5 gives its fill
+    # value instead. They are not where HDF5 looks for them, are no HDF5 files, or lack a dataset.
+    missing: list[str]
+
+
 def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Collection[Part]]]:
     """The datasets that a part of a virtual one comes from in the end, each open until the next one is asked for.
 
@@ -66,27 +85,31 @@ def sources(dataset: Any, wanted: Part) -> Iterator[tuple[Any, Collection[Part]]
         raise _endless(dataset.file.filename)
 
 
-def value_files(path: Path, name: str) -> list[Path]:
-    """The files that hold the values of this name in a file, or lead to them; the file itself first.
+def value_files(path: Path, name: str) -> ValueFiles:
+    """Of the values of this name in a file.
 
     Raises BadInput if a dataset takes them from others by far too many ways: HDF5 goes each to read or close it. Those
     that it names one by one itself are as many as its file holds, and do not count.
     """
-    passed: list[Path] = []
+    passed, named, there = list[Path](), list[_Source](), set[_Source]()
     level, ways = Counter({_Source(path, SAME_FILE, name): 1}), 0
     for hop in range(MOST_HOPS + 1):
         onward = Counter[_Source]()
         for source, one in _opened(level, passed):
+            there.add(source)
             passed += _own_files(one)
-            for number, further in _ways(one) if one.is_virtual else ():
-                onward[further] += level[source]
-                ways += level[source] if hop or number else 0
+            for way in _ways(one) if one.is_virtual else ():
+                onward[way.to] += level[source]
+                ways += level[source] if hop or way.number else 0
                 if ways > MOST_WAYS:
                     raise _too_many(path)
+                named += [way.to] if not (hop or way.numbered) else []
         level = onward
     if level:
         raise _endless(path)
-    return list(dict.fromkeys(place.absolute() for place in passed))
+    missing = [] if PREFIX in os.environ else [source.file for source in named if source not in there]
+    files = dict.fromkeys(place.absolute() for place in passed)
+    return ValueFiles(list(files), list(dict.fromkeys(missing)))
 
 
 def _endless(file: object) -> BadInput:
@@ -128,11 +151,13 @@ def _named(dataset: Any, wanted: Part) -> Iterator[tuple[_Source, _Taken]]:
             yield source, taken
 
 
-def _ways(dataset: Any) -> Iterator[tuple[int, _Source]]:
-    """All sources of a virtual dataset, each with its number among those that one mapping names."""
+def _ways(dataset: Any) -> Iterator[_Way]:
+    """To all sources of a virtual dataset."""
     own, told, everything = Path(dataset.file.filename), dataset.id.get_create_plist(), _all_of(dataset)
     for n in range(told.get_virtual_count()):
-        yield from enumerate(_sources_of(own, told, n, everything))
+        by_number = is_numbered(told.get_virtual_filename(n)) or is_numbered(told.get_virtual_dsetname(n))
+        for number, source in enumerate(_sources_of(own, told, n, everything)):
+            yield _Way(source, number, by_number)
 
 
 def _sources_of(own: Path, told: Any, n: int, wanted: Part) -> Iterator[_Source]:

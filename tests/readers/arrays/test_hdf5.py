@@ -281,6 +281,14 @@ def test_nexus_tells_what_to_plot_and_where(tmp_path: Path) -> None:
     assert geometry.spacing == (0.25, 0.5, 2) and geometry.origin == (0, 0, 1) and described(path).unit == "µm"
 
 
+def test_an_axis_that_nexus_names_by_a_point_has_no_coordinates(tmp_path: Path) -> None:
+    def fill(file: Any) -> None:
+        file["data"], file["row"] = values_of("int16"), np.arange(6) * 0.5
+        file.attrs.update({"signal": "data", "axes": [".", "row", "nowhere"]})
+
+    assert described(written(tmp_path / "v.nxs", fill)).geometry.spacing == (1, 0.5, 1)
+
+
 def test_fiji_tells_the_size_of_elements(tmp_path: Path) -> None:
     path = one(tmp_path / "v.h5", values_of("int16"))
     with h5py.File(path, "a") as file:
@@ -509,6 +517,37 @@ def test_links_to_groups_and_to_what_is_there_already_lead_to_each_dataset_once(
             file[name] = h5py.ExternalLink(*to)
 
     assert np.array_equal(read_whole(str(written(tmp_path / "v.h5", fill))), NOISE)
+
+
+@pytest.mark.parametrize("name", ["plot/data", "plot/alias", "plot/far", "way/data", "way/alias", "data", "soft"])
+def test_through_links_of_links_a_dataset_is_found_with_its_axes(name: str, tmp_path: Path) -> None:
+    """The group has another path in its own file, where that of the name is none."""
+    one(tmp_path / "far.h5", NOISE)
+
+    def fill(file: Any) -> None:
+        file["deep/plot/data"], file["deep/plot/row"] = NOISE, np.arange(NOISE.shape[1]) * 0.5
+        group = file["deep/plot"]
+        group["alias"], group["far"] = h5py.SoftLink("data"), h5py.ExternalLink("far.h5", "/entry/data")
+        group.attrs["axes"] = [".", "row", "."]
+
+    def link(file: Any) -> None:
+        file["plot"] = h5py.ExternalLink("v.h5", "/deep/plot")
+        file["data"] = h5py.ExternalLink("v.h5", "/deep/plot/data")
+        file["way"], file["soft"] = h5py.SoftLink("/plot"), h5py.SoftLink("/plot/alias")
+
+    written(tmp_path / "v.h5", fill)
+    top = f"{written(tmp_path / 'top.h5', link)}#{name}"
+    assert np.array_equal(read_whole(top), NOISE)
+    assert described(top).geometry.spacing == ((1, 1, 1) if name == "soft" else (1, 0.5, 1))
+
+
+def test_a_link_to_a_group_leads_to_what_the_groups_own_links_name(tmp_path: Path) -> None:
+    written(
+        tmp_path / "v.h5",
+        lambda file: (file.create_dataset("data", data=NOISE), file.__setitem__("plot/shown", h5py.SoftLink("/data"))),
+    )
+    top = written(tmp_path / "top.h5", lambda file: file.__setitem__("link", h5py.ExternalLink("v.h5", "/plot")))
+    assert np.array_equal(read_whole(str(top)), NOISE)
 
 
 def test_a_virtual_dataset_has_its_files_beside_its_own(tmp_path: Path) -> None:

@@ -115,6 +115,21 @@ def test_a_file_is_opened_as_often_however_many_datasets_come_from_it(
     assert 0 < opened[1] == opened[0]
 
 
+def test_opening_goes_once_to_each_file_that_values_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    layout = h5py.VirtualLayout((3, *SHAPE[1:]), VALUES.dtype)
+    for n in range(3):
+        with h5py.File(tmp_path / f"source{n}.h5", "w") as file:
+            file["v"] = VALUES
+        layout[n] = h5py.VirtualSource(f"source{n}.h5", "v", SHAPE)[n]
+    with h5py.File(tmp_path / "v.h5", "w", libver="latest") as file:
+        file.create_virtual_dataset("v", layout)
+    (tmp_path / "source2.h5").write_bytes(b"no HDF5")
+    with counted_files(monkeypatch) as places:
+        (told,) = described(f"{tmp_path / 'v.h5'}").warnings
+    assert "1 of 3 files" in told and "(source2.h5)" in told
+    assert sorted(place.name for place in places if place.name.startswith("source")) == ["source0.h5", "source1.h5"]
+
+
 @pytest.mark.parametrize(("count", "most"), [(1, 1), (2, 64), (3, 64 + 512)])
 def test_ways_are_counted_only_from_the_second_virtual_dataset_on(
     count: int, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
