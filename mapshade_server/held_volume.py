@@ -240,7 +240,7 @@ class HeldVolume:
         self._make_room(bytes_to_lend(reader.describe()))
         self._drop()
         loan = lent(self._while_wanted(reader, request.assignment), request.assignment)
-        check_still(request.path, reader, reader.describe(), request.identity)
+        check_still(request.path, reader, request.identity)
         self._lent = loan
         return [Answer(messages.VolumeLent(assignment=request.assignment, scalar_types=loan.scalar_types))]
 
@@ -317,7 +317,7 @@ class HeldVolume:
             if held:  # for the client after this one
                 self._levels, self._of = {0: held}, packed
             raise
-        check_still(asked.path, reader, reader.describe(), asked.identity)
+        check_still(asked.path, reader, asked.identity)
         self._levels, self._of = {0: sub_cubes}, packed
         return [_packed(request.assignment, started, read)]
 
@@ -334,7 +334,7 @@ class HeldVolume:
         self._budget.take(needed, self.packed_bytes, let_go=0)
         wanted = self._while_wanted(reader, request.assignment)
         sub_cubes, read = packed_sub_cubes(wanted, request.quantisation, request.boxes, held)
-        check_still(request.path, reader, description, request.identity)
+        check_still(request.path, reader, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
         if self._of.identity != request.identity:
             self._surveyed = None
@@ -387,7 +387,7 @@ class HeldVolume:
                 self._levels = kept | self._levels
                 raise
             read += more
-        check_still(request.path, store, store.description, request.identity)
+        check_still(request.path, store, request.identity)
         self.assignment = request.assignment
         return [_packed(request.assignment, started, read)]
 

@@ -89,4 +89,4 @@ class PartsAhead:
         for sheets in (sheets for box in rest for sheets in wanted.sheets(box)):
             sheets.sub_cube.pack(request.quantisation)
             parts.cubes.append(sheets.sub_cube)
-        check_still(request.path, reader, description, request.identity)
+        check_still(request.path, reader, request.identity)

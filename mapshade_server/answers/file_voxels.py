@@ -53,7 +53,7 @@ class FileVoxels:
         if not _is_cheap(description, opened.whole is not None):
             return Answer(VoxelRead(question=request.question, scalar_types=[]))
         scalars = _scalars(opened, description, voxel)
-        check_still(request.path, opened.reader, description, request.identity)
+        check_still(request.path, opened.reader, request.identity)
         types: list[Any] = [scalar.dtype.name for scalar in scalars]
         in_order = (scalar.astype(scalar.dtype.newbyteorder("<")) for scalar in scalars)
         return Answer(

@@ -17,7 +17,6 @@ from volsplat.mapshade_server.held.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
 from volsplat.mapshade_server.readers.reading.volume_files import OfFiles, Span, VolumeFile, files_of
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
-from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -29,55 +28,41 @@ BLOCKS = 64  # of a larger one
 BLOCK_BYTES = 4096
 DIGEST_BYTES = 16
 
-_Found = TypeVar("_Found")
+_Opened = TypeVar("_Opened", bound=OfFiles)
 
 
 def identified_volume(volume: str) -> tuple[OpenedVolume, VolumeIdentity]:
     """A volume's reader, and the identity of what it has opened. Raises BadInput."""
-
-    def look() -> tuple[OpenedVolume, VolumeIdentity]:
-        reader = open_volume(volume)
-        return reader, identity_of(volume, reader, reader.describe())
-
-    return _unchanged(volume, look)
+    return _identified(volume, open_volume)
 
 
 def identified_store(place: str) -> tuple[PacketStore, VolumeIdentity]:
     """A packet store, and its identity. Raises BadInput."""
-
-    def look() -> tuple[PacketStore, VolumeIdentity]:
-        store = open_store(place)
-        return store, identity_of(place, store, store.description)
-
-    return _unchanged(place, look)
+    return _identified(place, open_store)
 
 
 def described_volume(volume: str, described: VolumeIdentity) -> OpenedVolume:
     """The reader of the volume that was described. Raises BadInput if there is another one by now."""
-    reader, identity = identified_volume(volume)
-    check_identity(volume, identity, described)
-    return reader
+    return _described(volume, described, open_volume)
 
 
 def checked_volume(volume: str, described: VolumeIdentity) -> tuple[VolumeReader, Callable[[], None]]:
     """As `described_volume`, with what raises BadInput if the volume was changed since."""
     opened = described_volume(volume, described)
-    return opened, lambda: check_still(volume, opened, opened.describe(), described)
+    return opened, lambda: check_still(volume, opened, described)
 
 
 def described_store(place: str, described: VolumeIdentity) -> PacketStore:
     """The packet store that was described. Raises BadInput if there is another one by now."""
-    store, identity = identified_store(place)
-    check_identity(place, identity, described)
-    return store
+    return _described(place, described, open_store)
 
 
-def check_still(volume: str, opened: OfFiles, description: VolumeDescription, described: VolumeIdentity) -> None:
+def check_still(volume: str, opened: OfFiles, described: VolumeIdentity) -> None:
     """Raises BadInput if the volume was changed while it was read."""
-    check_identity(volume, identity_of(volume, opened, description), described)
+    check_identity(volume, identity_of(volume, opened), described)
 
 
-def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) -> VolumeIdentity:
+def identity_of(volume: str, opened: OfFiles) -> VolumeIdentity:
     """The identity of what is `opened` by this name now. Raises BadInput if its files cannot be looked at."""
     place = volume_name(volume).plain_place
     try:
@@ -88,7 +73,7 @@ def identity_of(volume: str, opened: OfFiles, description: VolumeDescription) ->
         lies_at = _place(place)
     except OSError as error:
         raise BadInput(f"{volume}: cannot be read any more ({error.strerror or error}); put it back") from None
-    dims = ",".join(map(str, description.geometry.dims))
+    description, dims = opened.description, ",".join(map(str, opened.description.geometry.dims))
     return VolumeIdentity(
         size=sum(state.size for state in states),
         header=_digest([f"{dims} {description.scalar_type}".encode(), *first]),
@@ -115,13 +100,20 @@ def check_identity(volume: str, found: VolumeIdentity, described: VolumeIdentity
     )
 
 
-def _unchanged(volume: str, look: Callable[[], _Found]) -> _Found:
-    """What is found by a name that means the same before and after: its header and its bytes belong together."""
+def _described(volume: str, described: VolumeIdentity, open_by: Callable[[str], _Opened]) -> _Opened:
+    opened, identity = _identified(volume, open_by)
+    check_identity(volume, identity, described)
+    return opened
+
+
+def _identified(volume: str, open_by: Callable[[str], _Opened]) -> tuple[_Opened, VolumeIdentity]:
+    """What is opened by a name that means the same before and after: its header and its bytes belong together."""
     before = _stamp(volume)
-    found = look()
+    opened = open_by(volume)
+    identity = identity_of(volume, opened)
     if _stamp(volume) != before:
         raise BadInput(f"{volume}: is being changed while it is opened; wait until that is over")
-    return found
+    return opened, identity
 
 
 def _stamp(volume: str) -> tuple[int, int, int] | None:

@@ -171,7 +171,7 @@ class Preparation:
 
     def _check_unchanged(self) -> None:
         """Raises BadInput unless the volume is still the one that was opened."""
-        found = identity_of(self._volume, self._reader, self._description)
+        found = identity_of(self._volume, self._reader)
         difference = found.difference(self._identity)
         if difference:
             raise BadInput(

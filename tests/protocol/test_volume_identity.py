@@ -50,6 +50,7 @@ LONG_AGO = 10**18  # nanoseconds since 1970
 
 class Files(NamedTuple):
     files: Sequence[VolumeFile]
+    description: VolumeDescription
 
 
 def written(path: Path, size: tuple[int, int, int] = SIZE, kind: str = "head") -> Path:
@@ -90,7 +91,7 @@ def test_any_byte_tells_two_small_volumes_apart(at: int, size: int) -> None:
         for _ in range(2):
             for file, part in zip(files, np.array_split(contents, size), strict=True):
                 file.write_bytes(part.tobytes())
-            seen.add(identity_of("a volume", Files(disk_files(files)), DESCRIPTION).contents)
+            seen.add(identity_of("a volume", Files(disk_files(files), DESCRIPTION)).contents)
             contents[at] ^= 1
         assert len(seen) == 2
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from volsplat.protocol.description.volume import VolumeDescription
+
 
 class FileState(NamedTuple):
     size: int  # bytes
@@ -47,7 +49,10 @@ def disk_files(paths: Sequence[Path]) -> tuple[DiskFile, ...]:
 
 
 class OfFiles(Protocol):
-    """A volume that has been opened, as far as its files go."""
+    """A volume that has been opened."""
+
+    @property
+    def description(self) -> VolumeDescription: ...
 
     @property
     def files(self) -> Sequence[VolumeFile]:
