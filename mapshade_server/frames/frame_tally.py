@@ -32,8 +32,6 @@ class FrameTally:
     voxels_visited: int = 0
     packets: int = 0
     batches: int = 0
-    raw_bytes: int = 0
-    bytes: int = 0
     planning_seconds: float = 0.0
     map_shade_seconds: float = 0.0
     coding_seconds: float = 0.0
@@ -44,8 +42,6 @@ class FrameTally:
     def send(self, server: int, sent: LinkTally, coding_seconds: float) -> None:
         """Add what went to a splat server."""
         self.links[server].add(sent)
-        self.raw_bytes += sent.raw_bytes
-        self.bytes += sent.bytes
         self.coding_seconds += coding_seconds
         self.sending_seconds += sent.sending_seconds
         self.waiting_seconds += sent.waiting_seconds
@@ -63,11 +59,10 @@ class FrameTally:
             voxels_visited=sum(tally.voxels_visited for tally in tallies),
             packets=sum(tally.packets for tally in tallies),
             batches=sum(tally.batches for tally in tallies),
-            raw_bytes=sum(tally.raw_bytes for tally in tallies),
-            bytes=sum(tally.bytes for tally in tallies),
         )
 
     def stats(self) -> messages.MapShadeStats:
         links = {server: messages.LinkStats(**vars(sent)) for server, sent in self.links.items()}
-        counted = vars(self) | {"links": links}
+        sums = {name: sum(getattr(link, name) for link in links.values()) for name in ("raw_bytes", "bytes")}
+        counted = vars(self) | {"links": links} | sums
         return messages.MapShadeStats(**counted, peak_memory_bytes=peak_memory(), machine=this_machine())
