@@ -38,9 +38,7 @@ class PartsAhead:
         self._budget = budget
         self._parts: _Parts | None = None
 
-    def begin(
-        self, request: ReadAhead, held: Sequence[SubCube], given_up: Callable[[], bool] = lambda: False
-    ) -> Callable[[], None]:
+    def begin(self, request: ReadAhead, held: Sequence[SubCube], given_up: Callable[[], bool]) -> Callable[[], None]:
         """What reads all of these boxes that is not held, for a thread of its own to call.
 
         That raises GivenUp if they are not wanted any more, which `given_up` may tell, BadInput if they cannot be read.

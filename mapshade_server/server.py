@@ -31,7 +31,7 @@ from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
-from volsplat.program.log_lines import name_session
+from volsplat.program.log_lines import log_frame, name_session
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
@@ -245,36 +245,23 @@ class MapShadeServer:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         came, started = self._frame_came, time.perf_counter()
         self._spans = spans = FrameSpans(request.frame, request.traced)
-        log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
+        log_frame(log, "frame_begun", request.frame, "has come")
         walkers = request.workers[self._client.id]
         with self._held.room_to_walk(request.drawing, sub_cubes):
             closed_tiles = self._links.begin_frame(request.frame, request.drawing.plan, walkers if request.paced else 0)
             walk = FrameWalk(sub_cubes, request.drawing, closed_tiles, request.regions, walkers)
             planned = time.perf_counter()
-            delivery = FrameDelivery(
-                request.frame,
-                self._client.id,
-                walk,
-                request.regions,
-                self._links.of_servers,
-                self._newest,
-                spans,
-            )
+            delivery = FrameDelivery(request, self._client.id, walk, self._links.of_servers, self._newest, spans)
             tally = self._delivered(delivery)
         if self._newest.number <= request.frame:
             self._note_frame(spans, came, started, planned)
             stats = replace(tally, planning_seconds=planned - started).stats()
-            log.info(
-                "frame %d is mapped: %d packets in %.3f s",
-                request.frame,
-                stats.packets,
-                clock() - started,
-                extra={"event": "frame_mapped", "frame": request.frame},
-            )
+            took = f"{stats.packets} packets in {clock() - started:.3f} s"
+            log_frame(log, "frame_mapped", request.frame, f"is mapped: {took}")
             self._count(stats, delivery.lost)
             self._client.send(messages.FrameMapped(frame=request.frame, stats=stats, lost=delivery.lost))
         else:
-            log.info("frame %d is given up", request.frame, extra={"event": "frame_given_up", "frame": request.frame})
+            log_frame(log, "frame_given_up", request.frame, "is given up")
             self._counts.add("frames", of="given up")
 
     def _count(self, stats: messages.MapShadeStats, lost: list[int]) -> None:

@@ -81,6 +81,11 @@ def name_session(session: str) -> None:
     log.info("serving session %s", session, extra={"event": "session_begun"})
 
 
+def log_frame(by: logging.Logger, event: str, frame: int, what: str) -> None:
+    """Log what has become of a frame."""
+    by.info("frame %d %s", frame, what, extra={"event": event, "frame": frame})
+
+
 def say_last(title: str, line: str) -> None:
     """Say how a program ends, in the form of its log."""
     if _json_formatters():

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
-from volsplat.program.log_lines import name_session
+from volsplat.program.log_lines import log_frame, name_session
 from volsplat.program.machine_limits import available_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
@@ -180,13 +180,8 @@ class SplatServer:
             links.decoding_seconds(frame.number),
             links.held_back(),
         )
-        log.info(
-            "frame %d is finished: %d packets in %.3f s",
-            frame.number,
-            stats.packets,
-            stats.frame_seconds,
-            extra={"event": "frame_finished", "frame": frame.number},
-        )
+        took = f"{stats.packets} packets in {stats.frame_seconds:.3f} s"
+        log_frame(log, "frame_finished", frame.number, f"is finished: {took}")
         self._count(stats, frame.lost)
         lost = list(frame.lost)
         self._outbox.post(messages.FrameFinished(frame=frame.number, complete=not lost, lost=lost, stats=stats))
@@ -272,7 +267,7 @@ class SplatServer:
             self._outbox.post(messages.FrameProgress(request.frame, frame.assembly.share_done))
 
     def _begin(self, request: messages.RenderFrame) -> None:
-        log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
+        log_frame(log, "frame_begun", request.frame, "has come")
         began = time.perf_counter()
         came = min(self._newest_came, began)
         spans = self._worker_links.spans(request.frame) if request.traced else UNTRACED
@@ -299,7 +294,7 @@ class SplatServer:
         if frame is not None and frame.number <= number:
             if frame.drawing:
                 self._counts.add("frames", of="given up")
-                log.info("frame %d is given up", number, extra={"event": "frame_given_up", "frame": number})
+                log_frame(log, "frame_given_up", number, "is given up")
             frame.assembly.abort()
             frame.drawing = False
 

@@ -9,6 +9,7 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.frames.socket_outlet import LEAST_SPAN, SocketOutlet
 from volsplat.mapshade_server.links.data_link import DataLink
 from volsplat.program.frame_spans import FrameSpans, clock
+from volsplat.protocol.messages.frame_messages import RenderFrame
 from volsplat.protocol.rules.regions import Region
 
 log = logging.getLogger(__name__)
@@ -21,21 +22,20 @@ class FrameDelivery:
 
     def __init__(
         self,
-        frame: int,
+        request: RenderFrame,
         worker: int,
         walk: FrameWalk,
-        regions: Sequence[Region],
         links: Mapping[int, DataLink],
         newest: _kernels.NewestFrame,
         spans: FrameSpans,
     ) -> None:
         """`worker` is this server. The frame is wanted while none is newer; what is done when goes into `spans`."""
-        self._frame = frame
+        self._frame = request.frame
         self._worker = worker
         self._walk = walk
         self._spans = spans
-        self._wanted = _kernels.StillWanted(newest, frame)
-        parts = _parts_of(regions)
+        self._wanted = _kernels.StillWanted(newest, request.frame)
+        parts = _parts_of(request.regions)
         self._links = {server: links.get(server) for server in parts}
         self._outlets = [
             {server: self._outlet(walker, server, parts[server]) for server in parts}
