@@ -17,6 +17,7 @@ from volsplat.client.command.phantom_command import phantom
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.text.errors import BadInput
@@ -129,6 +130,50 @@ Segment2_Layer:=1"""
     one = described(nrrd(tmp_path / "organs.seg.nrrd", VALUES, keys))
     assert (one.kind, one.kind_from) == (Kind.LABELS, "the segments in its header")
     assert one.bands == (Band("liver", 1.0, 1.0, (0.5, 0.25, 1.0)), Band("segment 1", 7.0, 7.0))
+
+
+def named_volumes(path: Path) -> list[str]:
+    with pytest.raises(PartNeeded) as needed:
+        open_volume(str(path))
+    assert all(one.told.partition(": ")[2] in str(needed.value) for one in needed.value.parts)
+    return [one.told.partition(": ")[2] for one in needed.value.parts]
+
+
+@pytest.mark.parametrize("kinds", ["list domain domain domain", "vector domain domain domain"])
+def test_layers_of_slicers_segments_are_named_by_what_is_in_them(tmp_path: Path, kinds: str) -> None:
+    """A segment without a value has 1, one without a layer the layer of its number, as Slicer wrote them first."""
+    keys = """Segment0_ID:=Segment_1
+Segment0_Name:=liver
+Segment1_ID:=Segment_2
+Segment2_ID:=Segment_3
+Segment2_Name:=tumour
+Segment2_LabelValue:=2
+Segment2_Layer:=0"""
+    path = nrrd(tmp_path / "organs.seg.nrrd", np.stack([VALUES, VALUES[::-1]], axis=-1), f"kinds: {kinds}\n{keys}")
+    assert named_volumes(path) == ["liver, tumour", "Segment_2"]
+    assert described(f"{path}#0").bands == (Band("liver", 1.0, 1.0), Band("tumour", 2.0, 2.0))
+    upper = open_volume(f"{path}#1")
+    assert upper.describe().bands == (Band("Segment_2", 1.0, 1.0),)
+    np.testing.assert_array_equal(upper.read(upper.describe().geometry.box), VALUES[::-1])
+
+
+@pytest.mark.parametrize("kinds", ["list domain domain domain", "vector domain domain domain"])
+def test_diffusion_weighted_volumes_are_named_by_their_gradients(tmp_path: Path, kinds: str) -> None:
+    """A gradient of half the length has a quarter of the b-value, and one may be that of several volumes."""
+    keys = """modality:=DWMRI
+DWMRI_b-value:=1000
+DWMRI_gradient_0000:=0 0 0
+DWMRI_NEX_0000:=2
+DWMRI_gradient_0002:=0 -1.2 1.6
+DWMRI_gradient_0003:= 1  0  0
+DWMRI_gradient_0004:=n/a n/a n/a
+DWMRI_gradient_0006:=1 1 1"""
+    values = np.stack([VALUES] * 3 + [VALUES[::-1]] + [VALUES] * 2, axis=-1)
+    path = nrrd(tmp_path / "dwi.nrrd", values, f"kinds: {kinds}\n{keys}")
+    gradients = ["b = 1000, gradient (0, -0.6, 0.8)", "b = 250, gradient (1, 0, 0)"]
+    assert named_volumes(path) == ["baseline", "baseline", *gradients, "", ""]
+    one = open_volume(f"{path}#3")
+    np.testing.assert_array_equal(one.read(one.describe().geometry.box), VALUES[::-1])
 
 
 def test_a_diffusion_nrrd_is_an_mr(tmp_path: Path) -> None:

@@ -8,11 +8,12 @@ import re
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.nrrd_header import LONGEST_LINE, NrrdHeader, header_of_file
-from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
+from volsplat.mapshade_server.readers.medicine.nrrd_kinds import are_volumes, kind_of, refuse_flat_colours, volume_names
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.reading.components import (
     ChosenVolume,
@@ -102,18 +103,20 @@ def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
     """
     header = header_of_file(path)
     axes = _axes(header)
-    chosen = _chosen(path, part, axes, _scalar_type(header))
-    description = _description(path, header, axes, chosen)
+    stored = _scalar_type(header)
+    chosen = _chosen(header, part, axes, stored)
+    description = _description(header, axes, chosen, stored)
     encoding = _encoding(header)
     if encoding in TEXT_ENCODINGS:
         return _opened_text(path, header, axes, description)
     if encoding not in PACKINGS:
         raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
-    return _opened_numbers(path, header, axes, description, chosen)
+    return _opened_numbers(header, axes, description, chosen, np.dtype(stored))
 
 
-def _chosen(path: Path, part: str, axes: _Axes, scalar_type: str) -> ChosenVolume:
+def _chosen(header: NrrdHeader, part: str, axes: _Axes, scalar_type: str) -> ChosenVolume:
     """Components of vectors go by their letters, all else by its number. Raises BadInput."""
+    path = header.path
     if _is_vector(axes, scalar_type):
         return chosen_volume(path, part, axes.series, axes.frames)
     if axes.series > 1:
@@ -122,7 +125,7 @@ def _chosen(path: Path, part: str, axes: _Axes, scalar_type: str) -> ChosenVolum
         what = f"{axes.frames} components a voxel, of kind {axes.kind}"
         line = f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0"
         raise PartNeeded(line, numbered(axes.frames, "component"))
-    frame, name = chosen_frame(path, part, axes.frames)
+    frame, name = chosen_frame(path, part, axes.frames, volume_names(header.pairs, axes.frames))
     return ChosenVolume(frame, name, Component(axes.frames, frame), [])
 
 
@@ -148,10 +151,10 @@ def _encoding(header: NrrdHeader) -> str:
     return header.fields.get("encoding", "").lower()
 
 
-def _description(path: Path, header: NrrdHeader, axes: _Axes, chosen: ChosenVolume) -> VolumeDescription:
-    stored, encoding = _scalar_type(header), _encoding(header)
+def _description(header: NrrdHeader, axes: _Axes, chosen: ChosenVolume, stored: str) -> VolumeDescription:
+    encoding = _encoding(header)
     place = place_of(header, axes.of_volume, axes.dims)
-    kind, kind_from, bands = kind_of(path, header.pairs, chosen.frame)
+    kind, kind_from, bands = kind_of(header.path, header.pairs, chosen.frame, axes.frames)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
     return VolumeDescription(
         name=chosen.name,
@@ -185,10 +188,9 @@ def _opened_text(path: Path, header: NrrdHeader, axes: _Axes, description: Volum
 
 
 def _opened_numbers(
-    path: Path, header: NrrdHeader, axes: _Axes, description: VolumeDescription, chosen: ChosenVolume
+    header: NrrdHeader, axes: _Axes, description: VolumeDescription, chosen: ChosenVolume, dtype: "np.dtype[Any]"
 ) -> OpenedVolume:
-    stored, component = _scalar_type(header), chosen.component
-    dtype = np.dtype(stored)
+    path, stored, component = header.path, dtype.name, chosen.component
     order = BYTE_ORDERS.get(header.fields.get("endian", "").lower())
     if order is None and dtype.itemsize > 1:
         raise header.wrong("endian", "is neither little nor big")
@@ -240,7 +242,7 @@ def _axes(header: NrrdHeader) -> _Axes:
     of_volume = (axes[0], axes[1], axes[2])
     if not along:
         return _Axes(sizes, of_volume, 1, "", False)
-    kind = kinds[along[0]]
+    kind = "list" if series == 1 and are_volumes(header.pairs) else kinds[along[0]]
     return _Axes(sizes, of_volume, sizes[along[0]], "" if kind in SPATIAL_KINDS else kind, along == [0], series)
 
 

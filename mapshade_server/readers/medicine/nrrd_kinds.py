@@ -1,24 +1,29 @@
-"""What an NRRD header says of the kind of its values: by the keys of 3D Slicer, NA-MIC and volsplat; and colours."""
+"""What an NRRD header says of its values and volumes: by the keys of 3D Slicer, NA-MIC and volsplat; and colours."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
+from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.protocol.description.kind import BANDS_KEY, KIND_KEY, Band, Kind
+from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 
 # NA-MIC's convention for diffusion-weighted images.
 _DIFFUSION = "DWMRI"
-_SEGMENT = re.compile(r"Segment(\d+)_LabelValue")
+_B_VALUE = "DWMRI_b-value"
+_GRADIENT = re.compile(r"DWMRI_gradient_(\d{1,9})")
+_SEGMENT = re.compile(r"Segment(\d{1,9})_(?:ID|Name|LabelValue)")
 
 _PLACES = ("domain", "space", "list", "time", "none", "???")  # an axis of these has a voxel at each index
 _COLOUR_COUNTS = (3, 4)
 _LEAST_PICTURE = 16  # pixels aside: less is no picture, but a volume made to try something
 
 
-def kind_of(path: Path, pairs: Mapping[str, str], layer: int) -> tuple[Kind, str, tuple[Band, ...]]:
+def kind_of(path: Path, pairs: Mapping[str, str], layer: int, layers: int) -> tuple[Kind, str, tuple[Band, ...]]:
     """The kind, what states it, and the classes; segments may overlap, those of each `layer` are a volume.
 
     Raises BadInput if the keys are damaged.
@@ -27,24 +32,91 @@ def kind_of(path: Path, pairs: Mapping[str, str], layer: int) -> tuple[Kind, str
         bands = msgspec.json.decode(pairs.get(BANDS_KEY, "[]"), type=tuple[Band, ...])
         if KIND_KEY in pairs:
             return Kind(pairs[KIND_KEY]), f"the key {KIND_KEY} in its header", bands
-        if segments := [match[1] for key in pairs if (match := _SEGMENT.fullmatch(key))]:
-            own = [number for number in segments if int(pairs.get(f"Segment{number}_Layer", layer)) == layer]
-            return Kind.LABELS, "the segments in its header", tuple(_segment(pairs, number) for number in own)
+        if by_layer := _segments(pairs, layers):
+            return Kind.LABELS, "the segments in its header", tuple(by_layer.get(layer, ()))
     except (ValueError, msgspec.MsgspecError) as error:
         raise BadInput(
             f"{path}: the header's keys for kind and classes cannot be used ({error}); correct them"
         ) from None
-    if pairs.get("modality", "").strip() == _DIFFUSION:
+    if _is_diffusion(pairs):
         return Kind.MR, f"modality {_DIFFUSION} in its header", ()
     return Kind.UNKNOWN, "", ()
 
 
+def _is_diffusion(pairs: Mapping[str, str]) -> bool:
+    return pairs.get("modality", "").strip() == _DIFFUSION
+
+
+def are_volumes(pairs: Mapping[str, str]) -> bool:
+    """Whether several numbers a voxel are those of several volumes, whatever the kind of their axis."""
+    return _is_diffusion(pairs) or any(map(_SEGMENT.fullmatch, pairs))
+
+
+def volume_names(pairs: Mapping[str, str], count: int) -> list[str]:
+    """What tells so many volumes apart, empty where nothing does: as 3D Slicer has them, gradients or segments."""
+    if _is_diffusion(pairs):
+        return _diffusion_names(pairs, count)
+    try:
+        by_layer = _segments(pairs, count)
+    except (ValueError, msgspec.MsgspecError):  # whoever opens one of them is told
+        return [""] * count
+    return [listed([band.name for band in by_layer.get(layer, ())], "") for layer in range(count)]
+
+
+def _segments(pairs: Mapping[str, str], layers: int) -> dict[int, list[Band]]:
+    """By their layers. One that states none has a layer of its own, if there are several."""
+    found: dict[int, list[Band]] = {}
+    for number in dict.fromkeys(match[1] for key in pairs if (match := _SEGMENT.fullmatch(key))):
+        layer = int(pairs.get(f"Segment{number}_Layer", number if layers > 1 else 0))
+        found.setdefault(layer, []).append(_segment(pairs, number))
+    return found
+
+
 def _segment(pairs: Mapping[str, str], number: str) -> Band:
     """A segment as 3D Slicer writes it: its name, its value, its colour as three numbers."""
-    value = float(pairs[f"Segment{number}_LabelValue"])
+    value = float(pairs.get(f"Segment{number}_LabelValue", 1))
     colour = [float(word) for word in pairs.get(f"Segment{number}_Color", "").split()]
     known = (colour[0], colour[1], colour[2]) if len(colour) == 3 else None
-    return Band(pairs.get(f"Segment{number}_Name", f"segment {number}"), value, value, known)
+    name = pairs.get(f"Segment{number}_Name") or pairs.get(f"Segment{number}_ID") or f"segment {number}"
+    return Band(name, value, value, known)
+
+
+def _diffusion_names(pairs: Mapping[str, str], count: int) -> list[str]:
+    """The longest gradient has the stated b-value, a shorter one as much less as its square is."""
+    gradients, b_value = _gradients(pairs, count), _numbers(pairs.get(_B_VALUE, ""), 1)
+    longest = max((math.hypot(*gradient) for gradient in gradients.values()), default=0.0)
+    names = []
+    for n in range(count):
+        if (gradient := gradients.get(n)) is None:
+            names.append("")
+        elif (length := math.hypot(*gradient)) == 0.0:
+            names.append("baseline")
+        else:
+            along = ", ".join(f"{component / length + 0.0:.3g}" for component in gradient)
+            b_told = [f"b = {b_value[0] * (length / longest) ** 2:.4g}"] if b_value else []
+            names.append(", ".join([*b_told, f"gradient ({along})"]))
+    return names
+
+
+def _gradients(pairs: Mapping[str, str], count: int) -> dict[int, Vector]:
+    """By the volume's number: of those that are stated, for one volume or some in a row."""
+    stated = [match for key in pairs if (match := _GRADIENT.fullmatch(key))]
+    found: dict[int, Vector] = {}
+    for match in stated:
+        numbers, (times,) = _numbers(pairs[match[0]], 3), _numbers(pairs.get(f"DWMRI_NEX_{match[1]}", ""), 1) or (1.0,)
+        first = int(match[1])
+        for n in range(first, int(min(first + times, count))) if numbers else ():
+            found[n] = (numbers[0], numbers[1], numbers[2])
+    return found
+
+
+def _numbers(words: str, count: int) -> list[float]:
+    """None if they are not so many finite ones: some scanners state no gradients."""
+    try:
+        numbers = [float(word) for word in words.split()]
+    except ValueError:
+        return []
+    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else []
 
 
 def refuse_flat_colours(path: Path, sizes: Sequence[int], kinds: Sequence[str], placed: bool) -> None:

@@ -49,13 +49,18 @@ class NumberedVolume(NamedTuple):
     name: str
 
 
-def chosen_frame(path: Path, part: str, frames: int) -> NumberedVolume:
-    """The volume that `part` names by its number. Raises BadInput if it must be named and is not."""
+def chosen_frame(path: Path, part: str, frames: int, names: Sequence[str] = ()) -> NumberedVolume:
+    """The volume that `part` names by its number. Raises BadInput if it must be named and is not.
+
+    `names` are what the file calls each of them, empty for one of which it says nothing.
+    """
     if frames == 1 and part not in ("", "0"):
         raise BadInput(f"{path}: holds one volume, it has no part “{part}”; leave out #{part}")
     if frames > 1 and not part:
-        line = f"{path}: a series of {frames} volumes, numbered from 0; choose one, as in {path}#0"
-        raise PartNeeded(line, numbered(frames, "volume"))
+        known = [f"{n} is {name}" for n, name in enumerate(names) if name]
+        told = f": {listed(known)}" if known else ""
+        line = f"{path}: a series of {frames} volumes, numbered from 0{told}; choose one, as in {path}#0"
+        raise PartNeeded(line, numbered(frames, "volume", names=names))
     number = index_in(path, part or "0", frames, "volumes")
     return NumberedVolume(number, f"{path.name}#{number}" if frames > 1 else path.name)
 

@@ -1,6 +1,6 @@
 """Parts of a file or folder, each a volume of its own: what readers ask a person to choose from."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from volsplat.protocol.text.errors import BadInput
@@ -21,6 +21,9 @@ class PartNeeded(BadInput):
         self.parts = tuple(parts)
 
 
-def numbered(count: int, what: str, key: str = "") -> list[Part]:
-    """Parts that are numbered from 0, by a key if one is needed."""
-    return [Part(f"{key}={n}" if key else str(n), f"{what} {n} of 0 to {count - 1}") for n in range(count)]
+def numbered(count: int, what: str, key: str = "", names: Sequence[str] = ()) -> list[Part]:
+    """Parts that are numbered from 0, by a key if one is needed, with the `names` that they have."""
+    named = [f": {name}" if name else "" for name in names] or [""] * count
+    return [
+        Part(f"{key}={n}" if key else str(n), f"{what} {n} of 0 to {count - 1}{name}") for n, name in enumerate(named)
+    ]
