@@ -90,8 +90,9 @@ def draw_gallery(
     """
     drawn: dict[str, Drawn] = {}
     for data_set in dict.fromkeys(image.data for image in IMAGES):
-        for image in _drawn(data_set, folder, data, pixels, opened, say, drawn, last):
-            say(image.name)
+        for name, image in _drawn(data_set, folder, data, pixels, opened, say, last):
+            drawn[name] = image
+            say(name)
             done(len(drawn))
     for plate in PLATES:
         write_pixels(sheet_path(folder, plate), plate_sheet(plate, drawn))
@@ -116,10 +117,9 @@ def _drawn(
     pixels: int,
     opened: Opened,
     say: Callable[[str], None],
-    drawn: dict[str, Drawn],
     last: Step,
-) -> Iterator[PlateImage]:
-    """Draws and writes all images of a volume, and gives each when it is in `drawn`."""
+) -> Iterator[tuple[str, Drawn]]:
+    """Draws and writes all images of a volume, and gives each by its name."""
     measured = data is not None and bool(data_set.measured) and (data / data_set.measured).exists()
     with _volume(data_set, data if measured else None, say) as volume, opened(volume) as renderer:
         for image in IMAGES:
@@ -134,8 +134,7 @@ def _drawn(
             description = renderer.volume.description
             below = label(data_set, measured, description.geometry.dims)
             below += f", step {step}" if step not in PAPER_STEPS else ""
-            drawn[image.name] = Drawn(pixels_shown, below, wheel_colours(description, scene))
-            yield image
+            yield image.name, Drawn(pixels_shown, below, wheel_colours(description, scene))
 
 
 def label(data_set: DataSet, measured: bool, dims: Index) -> str:
