@@ -52,7 +52,8 @@ class ShardFiles:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def _write(self, shard: Box, arrays: Sequence[Any]) -> None:
+    def write(self, shard: Box, arrays: Sequence[Any]) -> None:
+        """Lays them down for good."""
         self._folder.mkdir(exist_ok=True)
         with (self._folder / "-".join(map(str, shard.low))).open("wb") as file:
             for part in arrays:
@@ -70,10 +71,6 @@ class ShardFiles:
 class MixtureFiles(ShardFiles):
     """What is the mean of each shard of the level before."""
 
-    def write(self, shard: Box, mixture: Mixture) -> None:
-        """Lays it down for good."""
-        self._write(shard, mixture)
-
     def joined(self) -> Mixture:
         """Of all shards together, whose order does not matter."""
         total = NOTHING.entries()
@@ -84,10 +81,6 @@ class MixtureFiles(ShardFiles):
 
 class ColumnFiles(ShardFiles):
     """The rows of columns of the means of each shard of the level before."""
-
-    def write(self, shard: Box, columns: ColumnRows) -> None:
-        """Lays them down for good."""
-        self._write(shard, columns)
 
     def joined(self, dims: Index) -> Rows:
         """All of a level of so many voxels."""
