@@ -111,10 +111,6 @@ class FrameAssembly:
         """The regions as they stand, edges included: rows of float32 RGBA, little endian, associated alpha."""
         return self._owners.published(self.splat)
 
-    def show(self, target: memoryview) -> None:
-        """As `published`, into memory of as many bytes."""
-        self.splat.show(target)
-
     @property
     def rows_of_tiles(self) -> slice:
         """Of the image, those that its regions' lines are in."""

@@ -320,7 +320,7 @@ class SplatServer:
         target = self._outbox.images.target(nbytes)
         if target is None:
             return assembly.published()
-        assembly.show(target)
+        assembly.splat.show(target)
         return target
 
     # -- what other threads bring
