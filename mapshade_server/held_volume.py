@@ -203,7 +203,7 @@ class HeldVolume:
         if is_store(Path(request.path)):
             return [store_described(*identified_store(request.path))]
         reader, identity = identified_volume(request.path)
-        described = messages.VolumeDescribed(description=reader.describe(), prepared=None, identity=identity)
+        described = messages.VolumeDescribed(description=reader.description, prepared=None, identity=identity)
         return [Answer(described)]
 
     @takes(messages.ReadSubCubes)
@@ -212,7 +212,7 @@ class HeldVolume:
         started = time.perf_counter()
         loan = self._loan(request.assignment)
         reader, check = (loan, _unchanged) if loan else checked_volume(request.path, request.identity)
-        description = reader.describe()
+        description = reader.description
         check_within(request.boxes, description.geometry)
         if not self.assignment and self._of.quantisation and self._surveyed and self._surveyed.answers(request):
             self._again, self.assignment = request, request.assignment
@@ -237,7 +237,7 @@ class HeldVolume:
     @takes(messages.LendVolume)
     def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
         reader = described_volume(request.path, request.identity)
-        self._make_room(bytes_to_lend(reader.describe()))
+        self._make_room(bytes_to_lend(reader.description))
         self._drop()
         loan = lent(self._while_wanted(reader, request.assignment), request.assignment)
         check_still(request.path, reader, request.identity)
@@ -307,7 +307,7 @@ class HeldVolume:
         packed = HeldOf(identity=asked.identity, quantisation=request.quantisation)
         held = self._held_of(packed)
         reader = described_volume(asked.path, asked.identity)
-        needed = bytes_to_change(reader.describe(), asked.boxes, [cube.box for cube in held])
+        needed = bytes_to_change(reader.description, asked.boxes, [cube.box for cube in held])
         self._budget.take(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
         self._levels, self._again, self._of = {}, None, HeldOf(identity=asked.identity)
         wanted = self._while_wanted(reader, request.assignment)
@@ -328,7 +328,7 @@ class HeldVolume:
         packed = HeldOf(identity=request.identity, quantisation=request.quantisation)
         held = [*self._held_of(packed), *self._ahead.cubes(request.identity, request.quantisation)]
         reader = described_volume(request.path, request.identity)
-        description = reader.describe()
+        description = reader.description
         check_within(request.boxes, description.geometry)
         needed = bytes_to_change(description, request.boxes, [cube.box for cube in held])
         self._budget.take(needed, self.packed_bytes, let_go=0)

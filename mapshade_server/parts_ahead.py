@@ -78,7 +78,7 @@ class PartsAhead:
 
     def _read(self, request: ReadAhead, parts: _Parts, held: Sequence[Box], given_up: Callable[[], bool]) -> None:
         reader = described_volume(request.path, request.identity)
-        description = reader.describe()
+        description = reader.description
         check_within(request.boxes, description.geometry)
         there = [*held, *(cube.box for cube in parts.cubes)]
         rest = [part for box in request.boxes for part in box.without(*there)]

@@ -47,7 +47,7 @@ class FileVoxels:
 
     def _told(self, request: ReadVoxel) -> Answer:
         opened = self._open(request)
-        description = opened.reader.describe()
+        description = opened.reader.description
         voxel = _box_at(request.index)
         check_within([voxel], description.geometry)
         if not _is_cheap(description, opened.whole is not None):

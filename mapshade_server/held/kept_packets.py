@@ -39,7 +39,7 @@ def packed_sub_cubes(
     reader: VolumeReader, quantisation: Quantisation, boxes: Sequence[Box], held: Sequence[SubCube]
 ) -> tuple[list[SubCube], int]:
     """Boxes of a volume, and how many voxels were read for them. `held` are packed by the same rules."""
-    description = reader.describe()
+    description = reader.description
 
     def read(box: Box) -> Iterable[tuple[Box, Packets]]:
         part = SubCube(description.geometry, box, description.second_scalar)

@@ -19,7 +19,7 @@ class LentVolume:
 
     def __init__(self, assignment: int, description: VolumeDescription, scalars: list[Voxels]) -> None:
         self.assignment = assignment
-        self._description = description
+        self.description = description
         self._scalars = scalars
 
     @property
@@ -27,9 +27,6 @@ class LentVolume:
         """Of the values, and of the second scalar if there is one."""
         names: list[Any] = [values.dtype.name for values in self._scalars]
         return names
-
-    def describe(self) -> VolumeDescription:
-        return self._description
 
     def read(self, box: Box) -> Voxels:
         return self._read(0, box)
@@ -42,7 +39,7 @@ class LentVolume:
         """A part's values as bytes. Raises BadInput for one that the volume does not have."""
         if part.scalar >= len(self._scalars) or self.scalar_types[part.scalar] != part.scalar_type:
             raise BadInput(f"the volume's scalars are {', '.join(self.scalar_types)}, not {part.scalar_type}")
-        if not part.box.within(self._description.geometry.box):
+        if not part.box.within(self.description.geometry.box):
             raise BadInput(f"part {part.box.low} to {part.box.high} reaches beyond the volume")
         values = np.ascontiguousarray(self._scalars[part.scalar][part.box.slices()])
         return values.data.cast("B")
@@ -56,7 +53,7 @@ def lent(reader: VolumeReader, assignment: int) -> LentVolume:
 
     Raises BadInput if the file turns out to be unusable.
     """
-    description = reader.describe()
+    description = reader.description
     return LentVolume(assignment, description, read_scalars(reader, description.geometry.box))
 
 

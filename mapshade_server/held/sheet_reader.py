@@ -79,7 +79,7 @@ class SheetReader:
 
 def sheet_reader(reader: VolumeReader) -> SheetReader:
     """That of an opened volume."""
-    described = reader.describe()
+    described = reader.description
     return SheetReader(
         described.geometry,
         described.scalar_type,

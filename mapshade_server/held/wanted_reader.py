@@ -23,8 +23,9 @@ class WantedReader:
         self._given_up = given_up
         self._part_bytes = part_bytes
 
-    def describe(self) -> VolumeDescription:
-        return self._reader.describe()
+    @property
+    def description(self) -> VolumeDescription:
+        return self._reader.description
 
     def read(self, box: Box) -> Voxels:
         return self._by_parts(self._reader.read, box)
@@ -50,7 +51,7 @@ class WantedReader:
 
     def _parts(self, box: Box) -> Iterator[Box]:
         """Whole sheets, as many as only come together, or several times as many."""
-        described = self._reader.describe()
+        described = self._reader.description
         sheet_bytes = box.size[0] * box.size[1] * SCALAR_BYTES[described.scalar_type]
         together = described.chunk[2]
         return box.layers(2, max(1, self._part_bytes // sheet_bytes // together) * together)

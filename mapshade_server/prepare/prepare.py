@@ -102,7 +102,7 @@ class Preparation:
         self._progress = progress
         self._is_far = volume_name(volume).is_url
         self._reader, self._identity = identified_volume(volume)
-        self._description = self._reader.describe()
+        self._description = self._reader.description
         self._scalars = volume_scalars(self._reader)
         second = self._scalars.second
         self._second_type = None if second is None else second(FIRST_VOXEL).dtype

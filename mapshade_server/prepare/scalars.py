@@ -65,5 +65,5 @@ def volume_scalars(reader: VolumeReader) -> Scalars:
         return read_alone
 
     second = None if reader.read_second is None else by_turns(reader.read_second)
-    described = reader.describe()
+    described = reader.description
     return Scalars(by_turns(reader.read), second, described.second_scalar, described.chunk)

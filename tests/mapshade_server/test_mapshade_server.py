@@ -123,7 +123,7 @@ def test_boxes_beyond_the_volume_and_other_assignments_lose_nothing(bench: Bench
     with bench.accepts(0) as link:
         for request, told in (
             (messages.ReadSubCubes(2, str(shells), boxes, identity), "beyond the volume"),
-            (messages.AwaitParts(2, reader.describe(), boxes), "beyond the volume"),
+            (messages.AwaitParts(2, reader.description, boxes), "beyond the volume"),
             (messages.CountHistograms(2, 0.0, 1.0, 1.0), "is for assignment 2, not 1"),
             (messages.PackVoxels(2, QUANTISATION), "is for assignment 2, not 1"),
         ):

@@ -44,7 +44,7 @@ def test_each_chunk_belongs_to_one_part(volume: OpenedVolume) -> None:
             return super().read(box)
 
     noting = Noting(volume, lambda: False)
-    WantedReader(noting, lambda: False, part_bytes=1).read(volume.describe().geometry.box)
+    WantedReader(noting, lambda: False, part_bytes=1).read(volume.description.geometry.box)
     assert [low for low, _ in asked] == list(range(0, DIMS[2], CHUNKED))
 
 
@@ -52,7 +52,7 @@ def test_who_is_given_up_reads_no_more(tmp_path: Path) -> None:
     path = tmp_path / "v_64x64x64_uint16.raw"
     np.zeros(64**3, np.uint16).tofile(path)
     opened = open_volume(str(path))
-    box, sheet = opened.describe().geometry.box, 64 * 64 * 2
+    box, sheet = opened.description.geometry.box, 64 * 64 * 2
     looks: list[int] = []
 
     def given_up() -> bool:
@@ -63,4 +63,4 @@ def test_who_is_given_up_reads_no_more(tmp_path: Path) -> None:
     with pytest.raises(GivenUp):
         WantedReader(opened, given_up, part_bytes=sheet).read(box)
     assert 3 * sheet <= bytes_read() - before < 8 * sheet
-    assert WantedReader(opened, lambda: False).describe() == opened.describe()
+    assert WantedReader(opened, lambda: False).description == opened.description

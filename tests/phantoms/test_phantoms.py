@@ -89,7 +89,7 @@ def test_a_phantom_is_written_to_nrrd_within_less_than_its_own_memory(tmp_path: 
     assert written.returncode == 0, written.stderr
     reader = open_volume(str(tmp_path / "shells.nrrd"))
     few = reader.read(Box((0, 0, 254), (256, 256, 256)))
-    assert reader.describe().geometry.dims == size and few.max() > 100
+    assert reader.description.geometry.dims == size and few.max() > 100
 
 
 WRITE_WITH_LITTLE_MEMORY = """
@@ -115,7 +115,7 @@ def test_lengths_of_phantoms_have_their_unit_and_only_the_head_is_a_patient_s(tm
         for extension in (".nrrd", ".nhdr"):
             write_phantom(tmp_path / f"{name}{extension}", streamed_phantom(name, (8, 8, 8)))
             reader = open_volume(str(tmp_path / f"{name}{extension}"))
-            told = reader.describe()
+            told = reader.description
             assert (told.unit, told.anatomical) == (units.get(name, ""), name == "head"), name
             assert (told.kind, told.bands) == (made.kind, made.bands), name
             assert (reader.read(told.geometry.box) == values).all(), name

@@ -74,7 +74,7 @@ def unprepared(volume: str) -> Iterator[SingleProcess]:
 
 def both_scalars(volume: str) -> tuple[Voxels, Voxels]:
     reader = open_volume(volume)
-    values, second = read_scalars(reader, reader.describe().geometry.box)
+    values, second = read_scalars(reader, reader.description.geometry.box)
     return values, second
 
 

@@ -59,7 +59,7 @@ def test_servers_together_read_hardly_more_than_the_file(
 ) -> None:
     path = make(tmp_path)
     reader = open_volume(str(path))
-    description = reader.describe()
+    description = reader.description
     boxes = divided(description.geometry, workers, description.chunk)
     reader.read(boxes[0])  # imports
     before = bytes_read()

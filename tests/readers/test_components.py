@@ -225,7 +225,7 @@ def test_components_that_are_packed_one_after_the_other_are_unpacked_once_each(t
     values = np.random.default_rng(1).random((64, 32, 32, 3), np.float32)
     path = nrrd(tmp_path / "v.nrrd", values, "vector", at_end=True, encoding="gzip")
     reader = open_volume(str(path))
-    box, before = reader.describe().geometry.box, bytes_read()
+    box, before = reader.description.geometry.box, bytes_read()
     np.testing.assert_array_equal(reader.read(box), magnitude(values))
     assert bytes_read() - before < 3 * path.stat().st_size
 
@@ -236,7 +236,7 @@ def test_one_of_many_components_is_taken_without_all_of_them_in_memory(tmp_path:
     reader = open_volume(f"{nrrd(tmp_path / 'v.nrrd', values, 'list')}#200")
     tracemalloc.start()
     try:
-        voxels = reader.read(reader.describe().geometry.box)
+        voxels = reader.read(reader.description.geometry.box)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

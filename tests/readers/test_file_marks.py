@@ -107,7 +107,7 @@ def test_folders_that_are_not_read_are_named_by_a_file_of_theirs(mark: FolderMar
 
 def test_raw_voxels_may_begin_like_anything(tmp_path: Path) -> None:
     path = holding(tmp_path / "a.dat", b"BM" + bytes(22))
-    assert open_volume(f"{path}#dims=2x3x4,type=uint8").describe().geometry.dims == (2, 3, 4)
+    assert open_volume(f"{path}#dims=2x3x4,type=uint8").description.geometry.dims == (2, 3, 4)
 
 
 @pytest.mark.parametrize("command", ["info", "prepare"])

@@ -78,7 +78,7 @@ def test_each_series_of_a_folder_is_told_by_its_description_and_opens_by_its_nam
     assert "“T1 AX”, 5 slices of " in told[0].kind and "“T2, fat=sat”, 4 slices of " in told[1].kind
     (folder / "damaged.dcm").unlink()
     for one, count in zip(told, (5, 4), strict=True):
-        assert open_volume(f"{folder}#{one.part}").describe().geometry.dims[2] == count
+        assert open_volume(f"{folder}#{one.part}").description.geometry.dims[2] == count
     assert [one.part for one in look(root, "study", "t2").entries] == ["4"]
 
 
@@ -273,7 +273,7 @@ def test_what_can_be_made_of_reflections_and_atoms_are_parts(root: Path) -> None
     assert [part for part, _ in parts(root, "two.pdb")] == ["elements", "density", "frequency", "amplitude", "model=2"]
     for name in ("refined.mtz", "intensities.mtz", "unknown.mtz", "two.pdb"):
         for part, _ in parts(root, name):
-            open_volume(f"{root / name}#{part}").describe()
+            open_volume(f"{root / name}#{part}")
             assert parts(root, f"{name}#{part}") == []
 
 

@@ -58,7 +58,7 @@ def test_a_frame_is_chosen_by_its_number(case: str, tmp_path: Path) -> None:
     box = Box((2, 1, 1), (6, 5, 4))
     for frame in range(4):
         reader = open_volume(f"{path}#{frame}")
-        description = reader.describe()
+        description = reader.description
         assert description.geometry.dims == (7, 6, 5) and description.name == f"{path.name}#{frame}"
         np.testing.assert_array_equal(reader.read(description.geometry.box), SERIES[frame])
         got = reader.read(box)
@@ -81,7 +81,7 @@ def test_the_volumes_of_a_series_that_itk_joins_lie_where_they_did(extension: st
     assert "4 volumes" in refused(path)
     for frame, values in enumerate(SERIES):
         reader = open_volume(f"{path}#{'t=' if extension == 'h5' else ''}{frame}")
-        told = reader.describe()
+        told = reader.description
         np.testing.assert_array_equal(reader.read(told.geometry.box), values)
         for index in ((0, 0, 0), (6, 0, 0), (1, 2, 4)):
             place = told.geometry.physical((float(index[0]), float(index[1]), float(index[2])))
@@ -107,7 +107,7 @@ def test_a_component_of_what_is_no_vector_is_chosen_by_its_number(kind: str, tmp
     with pytest.raises(BadInput, match=f"(?i)4 components a voxel, of kind {kind}.*choose one, as in .*#0"):
         open_volume(str(path))
     reader = open_volume(f"{path}#2")
-    np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), SERIES[2])
+    np.testing.assert_array_equal(reader.read(reader.description.geometry.box), SERIES[2])
 
 
 def test_two_axes_outside_space_are_refused(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def nifti(path: Path, intent: int = 0) -> Path:
     ],
 )
 def test_nifti_states_its_intent(tmp_path: Path, intent: int, kind: Kind, values: str) -> None:
-    described = open_volume(str(nifti(tmp_path / "volume.nii", intent))).describe()
+    described = open_volume(str(nifti(tmp_path / "volume.nii", intent))).description
     assert (described.kind, described.density_name) == (kind, values)
 
 
@@ -153,8 +153,8 @@ Segment2_Layer:=0"""
     assert named_volumes(path) == ["liver, tumour", "Segment_2"]
     assert described(f"{path}#0").bands == (Band("liver", 1.0, 1.0), Band("tumour", 2.0, 2.0))
     upper = open_volume(f"{path}#1")
-    assert upper.describe().bands == (Band("Segment_2", 1.0, 1.0),)
-    np.testing.assert_array_equal(upper.read(upper.describe().geometry.box), VALUES[::-1])
+    assert upper.description.bands == (Band("Segment_2", 1.0, 1.0),)
+    np.testing.assert_array_equal(upper.read(upper.description.geometry.box), VALUES[::-1])
 
 
 @pytest.mark.parametrize("kinds", ["list domain domain domain", "vector domain domain domain"])
@@ -173,7 +173,7 @@ DWMRI_gradient_0006:=1 1 1"""
     gradients = ["b = 1000, gradient (0, -0.6, 0.8)", "b = 250, gradient (1, 0, 0)"]
     assert named_volumes(path) == ["baseline", "baseline", *gradients, "", ""]
     one = open_volume(f"{path}#3")
-    np.testing.assert_array_equal(one.read(one.describe().geometry.box), VALUES[::-1])
+    np.testing.assert_array_equal(one.read(one.description.geometry.box), VALUES[::-1])
 
 
 def test_a_diffusion_nrrd_is_an_mr(tmp_path: Path) -> None:

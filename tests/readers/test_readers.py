@@ -37,7 +37,7 @@ def test_every_scalar_type_comes_back_from_every_format(extension: str, scalar_t
     values = values_of(scalar_type)
     path = written(tmp_path / f"volume{extension}", values)
     got = read_whole(path)
-    assert open_volume(str(path)).describe().scalar_type == scalar_type
+    assert open_volume(str(path)).description.scalar_type == scalar_type
     assert got.dtype == values.dtype and got.dtype.isnative and got.flags.c_contiguous
     np.testing.assert_array_equal(got, values)
 
@@ -51,7 +51,7 @@ def test_tiff_stacks_come_back(scalar_type: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("extension", PLACED)
 def test_exchanged_axes_and_origin_come_back(extension: str, tmp_path: Path) -> None:
     path = written(tmp_path / f"volume{extension}", values_of("int16"))
-    description = open_volume(str(path)).describe()
+    description = open_volume(str(path)).description
     assert description.anatomical and description.unit == "mm"
     assert_close(description.geometry, TURNED, tolerances.GEOMETRY_FLOAT32)
     assert description.geometry.origin == (10.0, -20.5, 30.25)
@@ -61,13 +61,13 @@ def test_exchanged_axes_and_origin_come_back(extension: str, tmp_path: Path) -> 
 @pytest.mark.parametrize("extension", SHEARED)
 def test_skewed_and_left_handed_axes_come_back(extension: str, tmp_path: Path) -> None:
     path = written(tmp_path / f"volume{extension}", values_of("int16"), SKEWED)
-    assert_close(open_volume(str(path)).describe().geometry, SKEWED, tolerances.GEOMETRY_FLOAT64)
+    assert_close(open_volume(str(path)).description.geometry, SKEWED, tolerances.GEOMETRY_FLOAT64)
 
 
 def test_a_sheared_sform_is_kept(tmp_path: Path) -> None:
     values = values_of("uint16")
     path = sheared_nifti(tmp_path / "volume.nii", values, SKEWED)
-    assert_close(open_volume(str(path)).describe().geometry, SKEWED, tolerances.GEOMETRY_FLOAT32)
+    assert_close(open_volume(str(path)).description.geometry, SKEWED, tolerances.GEOMETRY_FLOAT32)
     np.testing.assert_array_equal(read_whole(path), values)
 
 
@@ -75,7 +75,7 @@ def test_a_sheared_sform_is_kept(tmp_path: Path) -> None:
 def test_places_are_those_of_simple_itk(extension: str, tmp_path: Path) -> None:
     path = written(tmp_path / f"volume{extension}", values_of("int16"))
     image = sitk.ReadImage(str(path))
-    geometry = open_volume(str(path)).describe().geometry
+    geometry = open_volume(str(path)).description.geometry
     for index in ((0, 0, 0), (6, 0, 0), (1, 5, 4)):
         place = geometry.physical((float(index[0]), float(index[1]), float(index[2])))
         expected = image.TransformIndexToPhysicalPoint(index)
@@ -90,7 +90,7 @@ def test_nrrd_spaces_are_turned_to_lps(tmp_path: Path) -> None:
             values,
             f"space: {space}\nspace directions: (2,0,0) (0,3,0.5) (0,0,4)\nspace origin: (1,2,3)",
         )
-        description = open_volume(str(path)).describe()
+        description = open_volume(str(path)).description
         expected = np.diag(signs) @ np.array([[2, 0, 0], [0, 3, 0], [0, 0.5, 4]])
         assert_close(description.geometry, expected.tolist(), tolerances.GEOMETRY_FLOAT64)
         assert description.geometry.origin == (signs[0] * 1, signs[1] * 2, signs[2] * 3)
@@ -99,7 +99,7 @@ def test_nrrd_spaces_are_turned_to_lps(tmp_path: Path) -> None:
 
 def test_nrrd_spacings_alone_place_nothing_in_a_patient(tmp_path: Path) -> None:
     path = nrrd(tmp_path / "volume.nrrd", values_of("uint8"), 'spacings: 1 2 nan\nunits: "um" "um" "um"')
-    description = open_volume(str(path)).describe()
+    description = open_volume(str(path)).description
     assert description.geometry.spacing == (1.0, 2.0, 1.0)
     assert not description.anatomical and description.unit == "µm"
 
@@ -179,7 +179,7 @@ def test_only_the_sub_cube_is_read_from_raw_files(extension: str, tmp_path: Path
     path = written(tmp_path / f"volume{extension}", values)
     read_whole(path)  # imports what the format needs
     reader = open_volume(str(path))
-    assert reader.describe().reads_sub_cubes
+    assert reader.description.reads_sub_cubes
     for box, bytes_per_row in (
         (Box((0, 0, 64), (128, 128, 72)), 128 * 2),
         (Box((0, 32, 64), (128, 96, 72)), 128 * 2),
@@ -195,7 +195,7 @@ def test_a_description_reads_no_voxels(tmp_path: Path) -> None:
     path = written(tmp_path / "volume.nrrd", np.zeros((128, 128, 128), np.uint16))
     open_volume(str(path))
     before = bytes_read()
-    open_volume(str(path)).describe()
+    open_volume(str(path))
     assert bytes_read() - before < path.stat().st_size // 32
 
 
@@ -205,7 +205,7 @@ def test_compressed_files_say_why_they_are_read_whole(tmp_path: Path) -> None:
         written(tmp_path / "volume.nii.gz", values),
         nrrd(tmp_path / "volume.nrrd", values, "", "gzip", gzip.compress(values.tobytes())),
     ):
-        description = open_volume(str(path)).describe()
+        description = open_volume(str(path)).description
         assert not description.reads_sub_cubes and description.why_whole
 
 
@@ -215,7 +215,7 @@ def test_slope_and_intercept_scale_the_values(tmp_path: Path) -> None:
     raw = bytearray(path.read_bytes())
     raw[112:120] = np.array([0.5, -100], "<f4").tobytes()
     path.write_bytes(raw)
-    assert open_volume(str(path)).describe().scalar_type == "float32"
+    assert open_volume(str(path)).description.scalar_type == "float32"
     np.testing.assert_array_equal(read_whole(path), values.astype(np.float32) / 2 - 100)
 
 
@@ -233,7 +233,7 @@ def test_dicom_slices_are_ordered_by_position(tmp_path: Path) -> None:
     folder = dicom_series(tmp_path / "series", values)
     names = sorted(path.name for path in folder.iterdir())
     assert names != [f"{(n * 7) % 11}{n}" for n in range(len(values))]
-    description = open_volume(str(folder)).describe()
+    description = open_volume(str(folder)).description
     np.testing.assert_array_equal(read_whole(folder), values)
     assert description.geometry.index_to_physical == ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 3))
     assert description.geometry.origin == (-10, 20, 0)
@@ -242,7 +242,7 @@ def test_dicom_slices_are_ordered_by_position(tmp_path: Path) -> None:
 
 def test_a_tilted_gantry_stays_a_shear(tmp_path: Path) -> None:
     folder = dicom_series(tmp_path / "series", values_of("int16"), tilt=0.25)
-    assert open_volume(str(folder)).describe().geometry.index_to_physical[1] == (0, 0.75, 0.75)
+    assert open_volume(str(folder)).description.geometry.index_to_physical[1] == (0, 0.75, 0.75)
 
 
 def test_reading_is_silent(stored: tuple[Voxels, list[Path]], capfd: pytest.CaptureFixture[str]) -> None:
@@ -263,7 +263,7 @@ def test_a_damaged_header_is_read_or_refused(name: str, data: st.DataObject, sto
     damaged.write_bytes(raw)
     try:
         reader = open_volume(str(damaged))
-        box = reader.describe().geometry.box
+        box = reader.description.geometry.box
         if math.prod(box.high) <= 8 * math.prod(DIMS):
             assert reader.read(box).shape == box.high[::-1]
     except BadInput as refusal:

@@ -61,7 +61,7 @@ SIMPLE_ITK_FAILS = ("_bz2.nrrd", "slab_sform", "dicom_ct_phantom", "emri_small")
 @pytest.mark.parametrize("name", VOLUMES)
 def test_a_real_volume_is_as_its_table_says(name: str, shared_data: Path, capfd: pytest.CaptureFixture[str]) -> None:
     dims, spacing, scalar_type, limits = VOLUMES[name]
-    description = open_volume(str(shared_data / name)).describe()
+    description = open_volume(str(shared_data / name)).description
     assert description.geometry.dims == dims
     assert description.geometry.spacing == pytest.approx(spacing, rel=tolerances.GEOMETRY_PRINTED)
     assert description.scalar_type == scalar_type
@@ -75,7 +75,7 @@ def test_a_real_volume_is_as_its_table_says(name: str, shared_data: Path, capfd:
 def test_a_real_volume_lies_where_simple_itk_has_it(name: str, shared_data: Path) -> None:
     image = sitk.ReadImage(str(shared_data / name))
     reader = open_volume(str(shared_data / name))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     for index in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)):
         place = geometry.physical((float(index[0]), float(index[1]), float(index[2])))
         expected = image.TransformContinuousIndexToPhysicalPoint([*index, *[0] * (image.GetDimension() - 3)])[:3]
@@ -95,7 +95,7 @@ def test_the_slab_is_the_same_in_every_odd_file(shared_data: Path) -> None:
 
 
 def test_the_sheared_slab_keeps_its_sform(shared_data: Path) -> None:
-    geometry = open_volume(str(shared_data / "odd/slab_sform_shear_slope.nii.gz")).describe().geometry
+    geometry = open_volume(str(shared_data / "odd/slab_sform_shear_slope.nii.gz")).description.geometry
     expected = [[0.9, -0.2, -0.1], [-0.15, -1.1, 0.4], [0.05, 0.3, 1.8]]  # RAS in the file, LPS here
     for row, wanted in zip(geometry.index_to_physical, expected, strict=True):
         assert row == pytest.approx(wanted, rel=tolerances.GEOMETRY_FLOAT32)

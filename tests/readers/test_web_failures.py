@@ -27,7 +27,7 @@ zarr_place.ANSWER_SECONDS = 3
 for url in sys.argv[1:]:
     try:
         reader = open_volume(url)
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
         print("read")
     except BadInput as refusal:
         print(refusal)

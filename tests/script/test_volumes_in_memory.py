@@ -143,7 +143,7 @@ MASKED: dict[str, tuple[Callable[[Path], Any], float, str]] = {
 
 def read(volume: Volume) -> Any:
     reader = open_volume(volume.place)
-    return reader.read(reader.describe().geometry.box)
+    return reader.read(reader.description.geometry.box)
 
 
 @UNKNOWN
@@ -151,7 +151,7 @@ def read(volume: Volume) -> Any:
 def test_servers_read_the_numbers_of_a_bare_array(library: str, tmp_path: Path) -> None:
     volume = Volume(BARE[library](tmp_path))
     assert np.array_equal(read(volume), VALUES)
-    assert open_volume(volume.place).describe().scalar_type == "int16"
+    assert open_volume(volume.place).description.scalar_type == "int16"
     assert any("does not say how it lies" in warning for warning in volume.description.warnings)
 
 
@@ -382,7 +382,7 @@ class Unreadable:
 def test_an_image_lies_where_its_library_says(library: str) -> None:
     make, matrix, origin, unit, anatomical = PLACED[library]
     volume = Volume(make())
-    told = open_volume(volume.place).describe()
+    told = open_volume(volume.place).description
     assert np.allclose(told.geometry.index_to_physical, matrix) and np.allclose(told.geometry.origin, origin)
     assert (told.unit, told.anatomical, told.warnings) == (unit, anatomical, ())
     assert np.array_equal(read(volume), VALUES)
@@ -471,7 +471,7 @@ def test_an_array_that_does_not_fit_into_memory_is_refused_before_any_of_it_is_c
 
 def test_an_array_may_have_a_long_name() -> None:
     name = "\N{CJK UNIFIED IDEOGRAPH-9AA8}" * 90
-    assert open_volume(Volume(VALUES, spacing=(1, 1, 1), name=name).place).describe().name == name
+    assert open_volume(Volume(VALUES, spacing=(1, 1, 1), name=name).place).description.name == name
 
 
 def test_a_path_is_no_array() -> None:

@@ -91,7 +91,7 @@ def values_of(head: Path) -> Any:
     from volsplat.mapshade_server.readers import open_volume
 
     reader = open_volume(str(head))
-    return reader.read(reader.describe().geometry.box)
+    return reader.read(reader.description.geometry.box)
 
 
 def of_the_brightest(scene: Scene, window: tuple[float, float]) -> Scene:

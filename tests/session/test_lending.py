@@ -113,12 +113,9 @@ class TwoScalars:
     def __init__(self, values: Voxels, second: Voxels) -> None:
         self._values = {0: values, 1: second}
         nk, nj, ni = values.shape
-        self._description = VolumeDescription(
+        self.description = VolumeDescription(
             name="two", format="memory", geometry=Geometry((ni, nj, nk)), scalar_type="int16", second_scalar=(0.0, 9.0)
         )
-
-    def describe(self) -> VolumeDescription:
-        return self._description
 
     def read(self, box: Box) -> Voxels:
         return _cut(self._values[0], box)
@@ -136,10 +133,10 @@ def test_what_comes_in_parts_is_what_is_read_at_once() -> None:
     random = np.random.default_rng(5)
     values = random.integers(-9, 9, (7, 8, 9), dtype=np.int16)
     reader = TwoScalars(values, random.random((7, 8, 9), dtype=np.float32))
-    geometry, boxes = reader.describe().geometry, [Box((0, 0, 0), (9, 4, 7)), Box((3, 4, 0), (9, 8, 7))]
+    geometry, boxes = reader.description.geometry, [Box((0, 0, 0), (9, 4, 7)), Box((3, 4, 0), (9, 8, 7))]
     loan = lent(reader, assignment=1)
     assert loan.scalar_types == ["int16", "float32"]
-    awaited = AwaitedParts(AwaitParts(1, reader.describe(), boxes))
+    awaited = AwaitedParts(AwaitParts(1, reader.description, boxes))
     for n, box in enumerate(boxes):
         for scalar, of_scalar in enumerate((box.grown(HALO, geometry.dims), box)):
             for place in parts_of(of_scalar, 20):

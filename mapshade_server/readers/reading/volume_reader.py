@@ -27,8 +27,9 @@ BYTES_BESIDE = 2 << 20  # of what sheets are made of: with less, calls cost more
 class VolumeReader(Protocol):
     """One opened volume. Its methods raise BadInput if the file turns out to be unusable."""
 
-    def describe(self) -> VolumeDescription:
-        """The grid, its place in space and the scalar type; no voxels are read if the format allows that."""
+    @property
+    def description(self) -> VolumeDescription:
+        """The grid, its place in space and the scalar type."""
 
     def read(self, box: Box) -> Voxels:
         """The voxels of `box`, which must lie within the grid."""
@@ -53,9 +54,6 @@ class OpenedVolume:
     parts: Sequence[Part] = field(kw_only=True)
     """Of the same file, this one included, that could be named where nobody did; none if there is nothing to choose."""
     read_second: ReadBox | None = field(default=None, kw_only=True)
-
-    def describe(self) -> VolumeDescription:
-        return self.description
 
     @property
     def files(self) -> Sequence[VolumeFile]:

@@ -334,7 +334,7 @@ def test_only_the_hyperslab_is_read(chunks: tuple[int, int, int] | None, tmp_pat
     read_whole(path)
     before = bytes_read()
     reader = open_volume(str(path))
-    description = reader.describe()
+    description = reader.description
     header = bytes_read() - before
     assert description.reads_sub_cubes and header < values.nbytes // 32
     reader.read(box)
@@ -557,8 +557,8 @@ def test_a_virtual_dataset_has_its_files_beside_its_own(tmp_path: Path) -> None:
     virtual(tmp_path / "run" / "v.h5", "100%%.h5")
     master = written(tmp_path / "m.h5", lambda file: file.__setitem__("v", h5py.ExternalLink("run/v.h5", "/data")))
     volume = open_volume(str(master))
-    assert not volume.describe().warnings
-    assert np.array_equal(volume.read(volume.describe().geometry.box), NOISE[:1])
+    assert not volume.description.warnings
+    assert np.array_equal(volume.read(volume.description.geometry.box), NOISE[:1])
 
 
 def of_another_kind(path: Path) -> None:
@@ -588,15 +588,15 @@ def test_files_that_are_there_and_lack_the_voxels_are_told(make: Callable[[Path]
     make(tmp_path / "odd.h5")
     with pytest.raises(BadInput, match=r"its voxels are in files that are not there, or lack them: odd.h5"):
         open_volume(str(virtual(tmp_path / "v.h5", "odd.h5")))
-    told = open_volume(str(virtual(tmp_path / "w.h5", "odd.h5", "here.h5"))).describe().warnings
+    told = open_volume(str(virtual(tmp_path / "w.h5", "odd.h5", "here.h5"))).description.warnings
     assert told == ("1 of 2 files with its voxels are not there, or lack them (odd.h5): 0 is shown instead",)
 
 
 def test_what_some_lost_files_held_is_told(tmp_path: Path) -> None:
     one(tmp_path / "here.h5", NOISE)
     volume = open_volume(str(virtual(tmp_path / "v.h5", "here.h5", "gone.h5", "here.h5")))
-    assert "1 of 2 files with its voxels are not there, or lack them (gone.h5)" in volume.describe().warnings[0]
-    sheets = volume.read(volume.describe().geometry.box)
+    assert "1 of 2 files with its voxels are not there, or lack them (gone.h5)" in volume.description.warnings[0]
+    sheets = volume.read(volume.description.geometry.box)
     assert np.array_equal(sheets[0], NOISE[0]) and not sheets[1].any()
 
 

@@ -182,7 +182,7 @@ def test_a_file_that_is_cut_short_while_it_is_open_is_told(tmp_path: Path) -> No
     reader = open_volume(str(path))
     cut(path, 100)
     with pytest.raises(BadInput, match="it was cut short while it was read"):
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
 
 
 def test_records_of_a_stream_are_counted_by_the_size_of_the_file(tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_a_damaged_header_is_read_or_refused(data: st.DataObject, undamaged: Pat
     damaged.write_bytes(raw)
     try:
         reader = open_volume(str(damaged))
-        box = reader.describe().geometry.box
+        box = reader.description.geometry.box
         assert reader.read(box).shape == box.high[::-1]
     except BadInput as refusal:
         assert "\n" not in str(refusal)

@@ -50,7 +50,7 @@ def test_types_that_volumes_lack_become_the_next_larger(tmp_path: Path) -> None:
     halves = values_of("float32").astype(np.float16)
     for values, scalar_type in ((halves, "float32"), (values_of("uint8") > 50, "uint8")):
         path = saved(tmp_path / "volume.npy", values)
-        assert open_volume(str(path)).describe().scalar_type == scalar_type
+        assert open_volume(str(path)).description.scalar_type == scalar_type
         np.testing.assert_array_equal(read_whole(path), values.astype(scalar_type))
 
 
@@ -60,7 +60,7 @@ def test_the_part_tells_spacing_order_of_axes_and_index(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_whole(f"{path}#axis0=1"), frames[1])
     np.testing.assert_array_equal(read_whole(f"{path}#axis3=4"), frames[..., 4])
     name = f"{path}#axes=tzyx,t=1,spacing=1,1,2,unit=mm"
-    description = open_volume(name).describe()
+    description = open_volume(name).description
     assert description.geometry.spacing == (1, 1, 2) and description.unit == "mm"
     np.testing.assert_array_equal(read_whole(name), frames[1])
     with pytest.raises(BadInput, match="choose an index of axis0, as in .*volume.npy#axis0=0"):
@@ -74,7 +74,7 @@ def test_only_the_rows_of_the_sub_cube_are_read(name: str, order: Literal["C", "
     path = tmp_path / name
     (np.save if name.endswith("npy") else np.savez)(path, values)
     reader = open_volume(str(path))
-    assert reader.describe().reads_sub_cubes
+    assert reader.description.reads_sub_cubes
     box = Box((0, 0, 64), (256, 256, 72)) if order == "C" else Box((64, 0, 0), (72, 256, 256))
     before = read_bytes()
     reader.read(box)
@@ -127,10 +127,10 @@ def test_a_file_that_is_cut_short_after_it_was_opened_is_one_clear_line(name: st
     with pytest.raises(
         BadInput, match=r"volume.np.*: it was cut short while it was read; fetch or save the array again"
     ):
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
     path.unlink()
     with pytest.raises(BadInput, match=r"cannot be read \(No such file or directory\)"):
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
 
 
 def test_an_npz_gives_the_array_that_is_named(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_an_npz_gives_the_array_that_is_named(tmp_path: Path) -> None:
     for save in (np.savez, np.savez_compressed):
         save(path, flat=values[0], one=values, other=values * 2)
         np.testing.assert_array_equal(read_whole(f"{path}#other"), values * 2)
-        assert open_volume(f"{path}#one").describe().reads_sub_cubes == (save is np.savez)
+        assert open_volume(f"{path}#one").description.reads_sub_cubes == (save is np.savez)
         with pytest.raises(BadInput, match=r"holds one \(5 x 6 x 7\), other \(5 x 6 x 7\); choose one, as .*npz#one"):
             open_volume(str(path))
         with pytest.raises(BadInput, match="has no array “two”; it holds flat, one, other"):

@@ -37,7 +37,7 @@ def test_every_type_comes_back_in_both_byte_orders(scalar_type: str, endian: str
 def test_the_part_tells_spacing_and_unit(tmp_path: Path) -> None:
     path = raw(tmp_path, values_of("int16"))
     for spacing in ("1x1.5x2e-1", "1,1.5,0.2"):
-        description = open_volume(f"{path}#{DESCRIBED},spacing={spacing},unit=mm").describe()
+        description = open_volume(f"{path}#{DESCRIBED},spacing={spacing},unit=mm").description
         assert description.geometry.spacing == (1.0, 1.5, 0.2)
         assert description.unit == "mm" and not description.warnings
 
@@ -49,8 +49,8 @@ def test_a_sidecar_says_the_same(tmp_path: Path) -> None:
         'dims = [7, 6, 5]\ntype = "uint16"\nendian = "big"\nskip = 512\nspacing = [1, 1, 2.5]\n'
     )
     np.testing.assert_array_equal(read_whole(str(path)), values)
-    assert open_volume(str(path)).describe().geometry.spacing == (1, 1, 2.5)
-    assert open_volume(f"{path}#spacing=3x3x3").describe().geometry.spacing == (3, 3, 3)
+    assert open_volume(str(path)).description.geometry.spacing == (1, 1, 2.5)
+    assert open_volume(f"{path}#spacing=3x3x3").description.geometry.spacing == (3, 3, 3)
 
 
 def test_the_name_says_the_same(tmp_path: Path) -> None:
@@ -59,16 +59,16 @@ def test_the_name_says_the_same(tmp_path: Path) -> None:
     packed = tmp_path / "tooth_7x6x5_uint8.raw.gz"
     packed.write_bytes(gzip.compress(values.tobytes()))
     np.testing.assert_array_equal(read_whole(str(packed)), values)
-    assert open_volume(str(packed)).describe().why_whole
+    assert open_volume(str(packed)).description.why_whole
 
 
 def test_a_byte_order_that_nobody_tells_is_told_to_be_taken(tmp_path: Path) -> None:
     values = values_of("int16")
     path = raw(tmp_path, values, "tooth_7x6x5_int16.raw")
-    (warning,) = open_volume(str(path)).describe().warnings
+    (warning,) = open_volume(str(path)).description.warnings
     assert "little endian is taken" in warning
     np.testing.assert_array_equal(read_whole(str(path)), values)
-    assert not open_volume(f"{path}#endian=little").describe().warnings
+    assert not open_volume(f"{path}#endian=little").description.warnings
 
 
 def test_only_the_sub_cube_is_read(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def test_by_however_many_ways_values_come_they_are_looked_at_once(
 ) -> None:
     volume = open_volume(levels(tmp_path / "v.h5", 5, take))
     with counted_files(monkeypatch) as opened:
-        values = volume.read(volume.describe().geometry.box)
+        values = volume.read(volume.description.geometry.box)
     assert np.array_equal(values, VALUES)
     assert len(opened) <= 6  # one for each level
 

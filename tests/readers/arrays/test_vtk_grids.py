@@ -122,7 +122,7 @@ def test_every_type_comes_back_where_vtk_has_it(scalar_type: str, way: str, tmp_
     values = finite(values_of(scalar_type))
     path = written_as(way, tmp_path, values)
     reader = open_volume(str(path))
-    told = reader.describe()
+    told = reader.description
     assert (told.scalar_type, told.density_name, told.warnings) == (scalar_type, "a density", ())
     assert told.geometry.index_to_physical == ((0.5, 0, 0), (0, 1.25, 0), (0, 0, 3))
     assert told.geometry.origin == (10, -20, 30)
@@ -345,7 +345,7 @@ def test_only_the_rows_of_a_box_are_read(tmp_path: Path) -> None:
     grid.GetPointData().SetScalars(values)
     path = legacy(tmp_path / "v.vtk", grid)
     reader = open_volume(str(path))
-    assert reader.describe().reads_sub_cubes
+    assert reader.description.reads_sub_cubes
     before = bytes_read()
     reader.read(Box((0, 32, 64), (128, 96, 72)))
     assert bytes_read() - before < 128 * 64 * 8 * 2 + 65536

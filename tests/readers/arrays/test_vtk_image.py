@@ -98,7 +98,7 @@ def test_every_type_comes_back_from_every_way_of_storing(scalar_type: str, way: 
     decoy = np.arange(values.size * 3, dtype=np.float64).reshape(*values.shape, 3)
     path = written(tmp_path / "image.vti", image_of(vector=decoy, density=values), mode, compressor, **settings)
     reader = open_volume(str(path))
-    assert reader.describe().scalar_type == scalar_type
+    assert reader.description.scalar_type == scalar_type
     got = read_whole(path)
     assert got.dtype == values.dtype and got.dtype.isnative and got.flags.c_contiguous
     np.testing.assert_allclose(got, values, rtol=tolerances.GEOMETRY_FLOAT64 if way.endswith("text") else 0)
@@ -111,7 +111,7 @@ def test_every_type_comes_back_from_every_way_of_storing(scalar_type: str, way: 
 
 def test_the_image_lies_where_vtk_has_it(tmp_path: Path) -> None:
     image = image_of(density=values_of("int16"))
-    geometry = open_volume(str(written(tmp_path / "image.vti", image))).describe().geometry
+    geometry = open_volume(str(written(tmp_path / "image.vti", image))).description.geometry
     assert geometry.dims == (7, 6, 5)
     for index in ((0, 0, 0), (6, 0, 0), (0, 5, 0), (1, 2, 4)):
         place = [0.0, 0.0, 0.0]
@@ -124,7 +124,7 @@ def test_the_array_is_the_active_or_the_named_one(tmp_path: Path) -> None:
     path = written(tmp_path / "image.vti", image_of(first=values, second=values * 2))
     np.testing.assert_array_equal(read_whole(path), values)
     np.testing.assert_array_equal(read_whole(f"{path}#second"), values * 2)
-    assert open_volume(f"{path}#second").describe().density_name == "second"
+    assert open_volume(f"{path}#second").description.density_name == "second"
     inactive = replaced(path, b' Scalars="first"', b"")
     with pytest.raises(BadInput, match=r"holds first, second; choose one, as in .*image\.vti#first"):
         open_volume(str(inactive))
@@ -140,7 +140,7 @@ def test_only_what_the_box_needs_is_read_from_raw_arrays(tmp_path: Path) -> None
         read_whole(path)
         before = bytes_read()
         reader = open_volume(str(path))
-        assert reader.describe().reads_sub_cubes
+        assert reader.description.reads_sub_cubes
         described = bytes_read() - before
         reader.read(box)
         assert described < noise.nbytes // 16
@@ -150,7 +150,7 @@ def test_only_what_the_box_needs_is_read_from_raw_arrays(tmp_path: Path) -> None
 def test_what_is_within_the_xml_says_why_it_is_read_whole(tmp_path: Path) -> None:
     image = image_of(density=values_of("int16"))
     for mode, why in ((ASCII, "text"), (BINARY, "base64"), (APPENDED, "base64")):
-        description = open_volume(str(written(tmp_path / "image.vti", image, mode))).describe()
+        description = open_volume(str(written(tmp_path / "image.vti", image, mode))).description
         assert not description.reads_sub_cubes and why in description.why_whole
 
 
@@ -285,7 +285,7 @@ def test_parts_that_are_no_scalars_are_refused(tmp_path: Path) -> None:
 def test_the_real_orbital_equals_its_copy(shared_data: Path) -> None:
     orbital = shared_data / "orbital/hydrogen_3d_64x64x64.vti"
     np.testing.assert_array_equal(read_whole(orbital), read_whole(orbital.with_suffix(".nrrd")))
-    assert open_volume(str(orbital)).describe().density_name == "probability_density"
+    assert open_volume(str(orbital)).description.density_name == "probability_density"
 
 
 @given(data=st.data())

@@ -252,7 +252,7 @@ def test_only_the_chunks_of_the_box_are_read(shards: tuple[int, ...] | None, tmp
     read_whole(path)
     before = bytes_read()
     reader = open_volume(str(path))
-    assert reader.describe().reads_sub_cubes and bytes_read() - before < values.nbytes // 16
+    assert reader.description.reads_sub_cubes and bytes_read() - before < values.nbytes // 16
     before = bytes_read()
     box = Box((0, 20, 16), (32, 30, 32))
     found = reader.read(box)
@@ -299,7 +299,7 @@ def test_only_the_chunks_of_the_box_are_requested(version: str, tmp_path: Path) 
     separator = "0/c/{}/{}/{}" if version == "0.5" else "0/{}.{}.{}"
     with served(tmp_path) as web:
         reader = open_volume(f"{web.url}/brain.zarr")
-        assert reader.describe().geometry.spacing == (0.25, 0.5, 2)
+        assert reader.description.geometry.spacing == (0.25, 0.5, 2)
         assert {sent.rpartition("/")[2] for sent in web.paths} <= METADATA
         assert web.bytes < 8192
         web.sent.clear()

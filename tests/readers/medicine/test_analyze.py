@@ -42,7 +42,7 @@ def test_both_byte_orders_of_every_type_come_back(scalar_type: str, order: Liter
     path = analyze(tmp_path / "head.hdr", values, order)
     for name in (path, path.with_suffix(".img")):
         reader = open_volume(str(name))
-        description = reader.describe()
+        description = reader.description
         assert description.geometry.spacing == (0.5, 0.75, 2.0) and description.unit == "mm"
         assert description.value_unit == "HU" and description.format == "Analyze 7.5"
         assert not description.anatomical and "no orientation" in description.warnings[0]
@@ -55,8 +55,8 @@ def test_it_is_as_simple_itk_has_it(tmp_path: Path) -> None:
     path = analyze(tmp_path / "head.hdr", values_of("int16"))
     image = sitk.ReadImage(str(path))
     reader = open_volume(str(path))
-    assert reader.describe().geometry.spacing == image.GetSpacing()
-    np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), sitk.GetArrayFromImage(image))
+    assert reader.description.geometry.spacing == image.GetSpacing()
+    np.testing.assert_array_equal(reader.read(reader.description.geometry.box), sitk.GetArrayFromImage(image))
 
 
 def test_a_zipped_image_is_found(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_zipped_image_is_found(tmp_path: Path) -> None:
     image.with_name("head.img.gz").write_bytes(gzip.compress(image.read_bytes()))
     image.unlink()
     reader = open_volume(str(path))
-    assert "gzip" in reader.describe().why_whole
+    assert "gzip" in reader.description.why_whole
     np.testing.assert_array_equal(reader.read(Box((0, 0, 2), (7, 6, 4))), values[2:4])
 
 
@@ -76,15 +76,15 @@ def test_a_frame_of_a_series_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="3 volumes, numbered from 0"):
         open_volume(str(path))
     reader = open_volume(f"{path}#2")
-    np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), values[2])
+    np.testing.assert_array_equal(reader.read(reader.description.geometry.box), values[2])
 
 
 def test_the_image_of_a_nifti_pair_opens(tmp_path: Path) -> None:
     values = values_of("int16")
     sitk.WriteImage(sitk.GetImageFromArray(values), str(tmp_path / "head.hdr"))
     reader = open_volume(str(tmp_path / "head.img"))
-    assert reader.describe().format == "NIfTI-1"
-    np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), values)
+    assert reader.description.format == "NIfTI-1"
+    np.testing.assert_array_equal(reader.read(reader.description.geometry.box), values)
 
 
 def test_only_the_sub_cube_is_read(tmp_path: Path) -> None:

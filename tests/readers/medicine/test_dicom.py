@@ -88,7 +88,7 @@ def test_each_voxel_lies_where_simple_itk_has_it(
         position = np.array([5.0, -6.0, 7.0]) + along * 2.5 * n * normal
         paths.append(slice_file(tmp_path / f"{(n * 3) % 5}", plane, position.tolist(), [*row, *column]))
     reader = open_volume(str(tmp_path))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     voxels = reader.read(geometry.box)
     for path in paths:
         image = sitk.ReadImage(str(path), imageIO="GDCMImageIO")
@@ -103,7 +103,7 @@ def test_each_voxel_lies_where_simple_itk_has_it(
 
 def test_the_phantom_lies_where_simple_itk_has_it(shared_data: Path) -> None:
     reader = open_volume(str(shared_data / "dicom_ct_phantom"))
-    description = reader.describe()
+    description = reader.description
     assert description.value_unit == "HU" and description.unit == "mm" and description.anatomical
     assert description.format == "DICOM CT series 201 “STD BRAIN 5MM”"
     for path in sorted((shared_data / "dicom_ct_phantom").iterdir())[::9]:
@@ -119,7 +119,7 @@ def test_a_dose_grid_lies_where_simple_itk_has_it() -> None:
     path = PYDICOM_FILES / "rtdose.dcm"
     image = sitk.ReadImage(str(path), imageIO="GDCMImageIO")
     reader = open_volume(str(path))
-    description = reader.describe()
+    description = reader.description
     geometry = description.geometry
     assert geometry.dims == image.GetSize() == (10, 10, 15) and description.value_unit == ""
     for index in ((0, 0, 0), (9, 0, 0), (2, 7, 14)):
@@ -148,7 +148,7 @@ def test_uneven_slices_are_resampled_with_a_warning(
 ) -> None:
     path = series(tmp_path / "s", ramp(heights), heights)
     reader = open_volume(str(path))
-    description = reader.describe()
+    description = reader.description
     assert description.geometry.spacing[2] == pytest.approx(step, abs=1e-3)
     assert description.geometry.dims[2] == count and description.geometry.origin[2] == 0
     assert "slices are unevenly spaced" in description.warnings[0] and "resampled to" in description.warnings[0]
@@ -365,7 +365,7 @@ def places(order: Sequence[int]) -> list[tuple[float, float, float]]:
 def test_a_multi_frame_file_lies_where_simple_itk_has_it(tmp_path: Path) -> None:
     path = enhanced(tmp_path / "e.dcm", VALUES, places(range(5)))
     reader = open_volume(str(path))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     image = sitk.ReadImage(str(path), imageIO="GDCMImageIO")
     for index in ((0, 0, 0), (6, 0, 0), (2, 5, 4)):
         expected = image.TransformIndexToPhysicalPoint(index)
@@ -379,7 +379,7 @@ def test_frames_are_ordered_by_their_positions(syntax: str, tmp_path: Path) -> N
     path = enhanced(tmp_path / "e.dcm", VALUES[order], places(order), syntax=syntax)
     for name in (path, tmp_path):
         reader = open_volume(str(name))
-        geometry = reader.describe().geometry
+        geometry = reader.description.geometry
         assert geometry.index_to_physical == ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2.5))
         assert geometry.origin == (-10, 20, 0)
         np.testing.assert_array_equal(reader.read(geometry.box), VALUES)
@@ -720,7 +720,7 @@ def test_only_the_rows_of_the_sub_cube_are_read(tmp_path: Path) -> None:
     whole = enhanced(tmp_path / "e.dcm", values, places(range(32)))
     for path in (series(tmp_path / "s", values), whole):
         reader = open_volume(str(path))
-        assert reader.describe().reads_sub_cubes
+        assert reader.description.reads_sub_cubes
         before = bytes_read()
         np.testing.assert_array_equal(reader.read(box), values[8:16, 32:64])
         assert bytes_read() - before < box.voxels * 2 + 4096
@@ -742,7 +742,7 @@ def test_a_description_reads_no_pixels(tmp_path: Path) -> None:
     path = enhanced(tmp_path / "e.dcm", np.zeros((64, 128, 128), np.int16), places(range(64)))
     open_volume(str(path))
     before = bytes_read()
-    open_volume(str(path)).describe()
+    open_volume(str(path))
     assert bytes_read() - before < path.stat().st_size // 16
 
 
@@ -851,7 +851,7 @@ def test_a_damaged_header_is_read_or_refused(data: st.DataObject, undamaged: Pat
     path.write_bytes(raw)
     try:
         reader = open_volume(str(path))
-        box = reader.describe().geometry.box
+        box = reader.description.geometry.box
         if math.prod(box.high) <= 8 * VALUES.size:
             assert reader.read(box).shape == box.high[::-1]
     except BadInput as refusal:

@@ -24,7 +24,7 @@ def written(path: Path, fields: str, kind: str = "uint8") -> Path:
 
 
 def described(folder: Path, fields: str) -> VolumeDescription:
-    return open_volume(str(written(folder / "volume.nrrd", fields))).describe()
+    return open_volume(str(written(folder / "volume.nrrd", fields))).description
 
 
 TO_LPS = {
@@ -105,7 +105,7 @@ def test_axes_lie_where_their_ends_are(
 def test_first_voxels_lie_where_simple_itk_has_them(centers: str, tmp_path: Path) -> None:
     path = written(tmp_path / "volume.nrrd", f"{centers}spacings: 2 1 3\naxis mins: 10 20 30", kind="uchar")
     image = sitk.ReadImage(str(path))
-    geometry = open_volume(str(path)).describe().geometry
+    geometry = open_volume(str(path)).description.geometry
     assert geometry.origin == image.GetOrigin() and geometry.spacing == image.GetSpacing()
 
 

@@ -165,4 +165,4 @@ def test_a_slice_that_is_replaced_while_it_is_open_is_told(tmp_path: Path) -> No
     reader = open_volume(str(folder))
     Image.fromarray(np.zeros((9, 9), np.uint8)).save(folder / "slice3.png")
     with pytest.raises(BadInput, match="slice3.png: has changed while it was open"):
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)

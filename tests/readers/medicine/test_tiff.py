@@ -64,7 +64,7 @@ def test_every_way_of_packing_comes_back(
 ) -> None:
     path = STORED[case](tmp_path_factory.mktemp("tiff") / "stack.tif")
     reader = open_volume(str(path))
-    description = reader.describe()
+    description = reader.description
     assert description.geometry.dims == (40, 33, 6) and description.scalar_type == "uint16"
     corners = [sorted(data.draw(st.sets(st.integers(0, n), min_size=2, max_size=2))) for n in (40, 33, 6)]
     (i0, i1), (j0, j1), (k0, k1) = corners
@@ -120,7 +120,7 @@ def test_pixels_lie_where_the_orientation_has_them(orientation: int, tmp_path: P
         stored = np.swapaxes({5: upright, 6: flips[2], 7: flips[3], 8: flips[4]}[orientation], 1, 2)
     path = saved(tmp_path / "stack.tif", np.ascontiguousarray(stored), extratags=[(274, 3, 1, orientation, True)])
     reader = open_volume(str(path))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     got = reader.read(geometry.box)
     for i, j in ((0, 0), (geometry.dims[0] - 1, 0), (3, 5)):
         x, y, z = geometry.physical((float(i), float(j), 1.0))
@@ -468,7 +468,7 @@ def test_damaged_tags_are_read_or_refused(data: st.DataObject, tmp_path_factory:
     path.write_bytes(raw)
     try:
         reader = open_volume(str(path))
-        box = reader.describe().geometry.box
+        box = reader.description.geometry.box
         if math.prod(box.high) <= 8 * math.prod(DIMS):
             assert reader.read(box).shape == box.high[::-1]
     except BadInput as refusal:

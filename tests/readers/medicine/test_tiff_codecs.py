@@ -28,8 +28,8 @@ def test_lossless_codecs_come_back(
     level = {"compressionargs": {"level": 0}} if codec == "jpeg2000" else {}  # 0 is lossless
     tifffile.imwrite(path, values, compression=codec, photometric="minisblack", tile=tile, **level)
     reader = open_volume(str(path))
-    assert reader.describe().geometry.dims == (40, 30, 3)
-    np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), values)
+    assert reader.description.geometry.dims == (40, 30, 3)
+    np.testing.assert_array_equal(reader.read(reader.description.geometry.box), values)
     np.testing.assert_array_equal(reader.read(Box((3, 4, 1), (29, 20, 3))), values[1:3, 4:20, 3:29])
     assert capfd.readouterr() == ("", "")
 
@@ -39,7 +39,7 @@ def test_a_predictor_before_a_codec_is_reversed(codec: str, tmp_path: Path) -> N
     values = values_of("uint16", (40, 30, 3))
     tifffile.imwrite(tmp_path / "v.tif", values, compression=codec, predictor=True, photometric="minisblack")
     reader = open_volume(str(tmp_path / "v.tif"))
-    np.testing.assert_array_equal(reader.read(reader.describe().geometry.box), values)
+    np.testing.assert_array_equal(reader.read(reader.description.geometry.box), values)
 
 
 @pytest.mark.parametrize("codec", ["jpegxl", "lerc", "ccittfax4"])
@@ -52,5 +52,5 @@ def test_a_codec_whose_size_nobody_can_check_is_refused_with_the_cure(codec: str
         tifffile.imwrite(tmp_path / "v.tif", values, compression=codec, photometric="minisblack")
     reader = open_volume(str(tmp_path / "v.tif"))
     with pytest.raises(BadInput, match=f"page 0 is packed by {codec.upper()}, which is not read.*zstd") as refused:
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
     assert "\n" not in str(refused.value)

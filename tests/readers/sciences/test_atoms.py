@@ -32,7 +32,7 @@ REAL = {  # format, atoms, waters, spacing
 
 def read_whole(path: Path | str) -> tuple[Geometry, Voxels]:
     reader = open_volume(str(path))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     return geometry, reader.read(geometry.box)
 
 
@@ -48,7 +48,7 @@ def test_a_real_molecule_has_its_atoms_where_gemmi_has_them(
     name: str, shared_data: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     kind, count, waters, spacing = REAL[name]
-    description = open_volume(f"{shared_data / name}#density").describe()
+    description = open_volume(f"{shared_data / name}#density").description
     geometry, values = read_whole(f"{shared_data / name}#density")
     assert description.format == f"{kind}, {count} atoms as a synthetic electron density"
     assert description.unit == "Å" and description.scalar_type == "float32" and not description.anatomical
@@ -66,7 +66,7 @@ def test_a_real_molecule_has_its_atoms_where_gemmi_has_them(
 
 def test_elements_have_their_bands_at_real_atoms(shared_data: Path) -> None:
     path = shared_data / "hemoglobin/4HHB.pdb"
-    description = open_volume(f"{path}#elements").describe()
+    description = open_volume(f"{path}#elements").description
     assert description.scalar_type == "uint8" and description.density_name == "element"
     bands = {band.name: (band.low, band.high) for band in description.bands}
     assert bands["C"] == (64, 95) and bands["N"] == (96, 127) and bands["O"] == (128, 159)
@@ -158,21 +158,21 @@ def test_heights_are_electrons_times_occupancy(tmp_path: Path) -> None:
 
 def test_waters_are_left_out_unless_they_are_asked_for(tmp_path: Path) -> None:
     water = gemmi.Position(8.0, -3.0, 2.0)
-    left = open_volume(str(pdb(tmp_path))).describe()
+    left = open_volume(str(pdb(tmp_path))).description
     assert "1 waters are left out; small.pdb#elements,waters=keep keeps them" in left.warnings
     geometry, values = read_whole(f"{pdb(tmp_path)}#density,waters=keep")
     assert value_at(geometry, values, water) == pytest.approx(8.0, rel=tolerances.RANGE_PRINTED)
-    assert not open_volume(f"{pdb(tmp_path)}#waters=keep").describe().warnings
+    assert not open_volume(f"{pdb(tmp_path)}#waters=keep").description.warnings
 
 
 def test_a_model_is_chosen_by_its_number(tmp_path: Path) -> None:
     path = pdb(tmp_path, models=2)
     for part, said in {"": "elements", "#density,2": "density,2", "#waters=keep": "waters=keep"}.items():
-        (told,) = (line for line in open_volume(f"{path}{part}").describe().warnings if "models" in line)
+        (told,) = (line for line in open_volume(f"{path}{part}").description.warnings if "models" in line)
         assert told == f"of 2 models the first is shown; small.pdb#{said},model=N shows another"
     first, second = read_whole(f"{path}#density,0.2")[0], read_whole(f"{path}#density,0.2,model=2")[0]
     assert first.dims < second.dims
-    assert not open_volume(f"{path}#waters=keep,model=2").describe().warnings
+    assert not open_volume(f"{path}#waters=keep,model=2").description.warnings
 
 
 def test_step_g_is_told_to_need_the_density_of_the_atoms(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_what_was_guessed_is_told(tmp_path: Path) -> None:
         (pdb_text().replace("          ZN  ", "              ").replace("ZN    ZN", "QX    ZN"), "no known element"),
     )
     for text, warning in cases:
-        description = open_volume(f"{pdb(tmp_path, text=text)}#waters=keep").describe()
+        description = open_volume(f"{pdb(tmp_path, text=text)}#waters=keep").description
         assert len(description.warnings) == 1 and warning in description.warnings[0]
 
 

@@ -34,7 +34,7 @@ def frequencies(name: str) -> tuple[VolumeDescription, Factors]:
     """Every structure factor of a volume of frequencies, by its indices."""
     reader = open_volume(name)
     assert reader.read_second is not None
-    description = reader.describe()
+    description = reader.description
     amplitudes, phases = (read(description.geometry.box) for read in (reader.read, reader.read_second))
     assert description.axes is not None
     h0, k0, l0 = (round(axis.first) for axis in description.axes)
@@ -96,8 +96,8 @@ def test_what_a_file_lacks_is_taken_and_told(tmp_path: Path) -> None:
 
 def test_amplitudes_alone_have_no_second_scalar(tmp_path: Path) -> None:
     reader = open_volume(f"{molecule(tmp_path / 'made.pdb')}#amplitude")
-    assert reader.describe().second_scalar is None
-    assert reader.describe().density_name == "amplitude"
+    assert reader.description.second_scalar is None
+    assert reader.description.density_name == "amplitude"
 
 
 @pytest.mark.parametrize(

@@ -33,13 +33,13 @@ REAL = {  # dimensions, spacing, origin, least and greatest value
 
 
 def geometry_of(path: Path) -> Geometry:
-    return open_volume(str(path)).describe().geometry
+    return open_volume(str(path)).description.geometry
 
 
 @pytest.mark.parametrize("name", REAL)
 def test_a_real_map_is_as_its_table_says(name: str, shared_data: Path, capfd: pytest.CaptureFixture[str]) -> None:
     dims, spacing, origin, limits = REAL[name]
-    description = open_volume(str(shared_data / "maps" / name)).describe()
+    description = open_volume(str(shared_data / "maps" / name)).description
     assert description.geometry.dims == dims
     assert description.geometry.spacing == pytest.approx(spacing, rel=tolerances.GEOMETRY_PRINTED)
     assert description.geometry.origin == pytest.approx(origin, rel=tolerances.GEOMETRY_PRINTED)
@@ -57,7 +57,7 @@ def test_a_real_map_has_at_each_place_what_gemmi_has(name: str, shared_data: Pat
     whole_cell = gemmi.read_ccp4_map(str(path))
     whole_cell.setup(math.nan)
     reader = open_volume(str(path))
-    geometry, voxels = reader.describe().geometry, reader.read(reader.describe().geometry.box)
+    geometry, voxels = reader.description.geometry, reader.read(reader.description.geometry.box)
     generator = np.random.default_rng(0)
     for _ in range(200):
         i, j, k = (int(generator.integers(size)) for size in geometry.dims)
@@ -68,7 +68,7 @@ def test_a_real_map_has_at_each_place_what_gemmi_has(name: str, shared_data: Pat
 
 def test_a_model_lies_in_its_map(shared_data: Path) -> None:
     reader = open_volume(str(shared_data / "maps/3ek3-2fofc.map.gz"))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     voxels = reader.read(geometry.box)
     model = gemmi.read_structure(str(shared_data / "maps/3ek3.cif"))[0]
     to_index = matrices.inverse(geometry.index_to_physical)
@@ -91,7 +91,7 @@ def test_every_mode_comes_back_in_both_byte_orders(scalar_type: str, order: Lite
     limits = (0.0, 255.0) if scalar_type == "uint8" else (-4.0, 4.0)
     header = map_header(DIMS, order, mode=MODES[scalar_type], limits=limits)
     path = map_file(tmp_path / "volume.mrc", values.astype(values.dtype.newbyteorder(order)), header)
-    description = open_volume(str(path)).describe()
+    description = open_volume(str(path)).description
     got = read_whole(path)
     assert got.dtype.name == description.scalar_type == ("float32" if scalar_type == "float16" else scalar_type)
     assert got.dtype.isnative and got.flags.c_contiguous and not description.warnings
@@ -103,7 +103,7 @@ def test_imod_says_whether_bytes_have_a_sign(flags: int, scalar_type: str, tmp_p
     values = map_values(scalar_type)
     header = map_header(DIMS, mode=0, limits=(0.0, 90.0), imod=(1146047817, flags))
     path = map_file(tmp_path / "volume.rec.mrc", values, header)
-    assert open_volume(str(path)).describe().scalar_type == scalar_type
+    assert open_volume(str(path)).description.scalar_type == scalar_type
 
 
 @pytest.mark.parametrize("axes", list(permutations((1, 2, 3))))
@@ -138,10 +138,10 @@ def test_gemmi_writes_what_is_read(tmp_path: Path) -> None:
 def test_the_origin_words_place_the_map(tmp_path: Path) -> None:
     values = map_values("float32")
     header = map_header(DIMS, origin=(5.0, -6.0, 7.5))
-    description = open_volume(str(map_file(tmp_path / "volume.mrc", values, header))).describe()
+    description = open_volume(str(map_file(tmp_path / "volume.mrc", values, header))).description
     assert description.geometry.origin == (5.0, -6.0, 7.5) and not description.warnings
     header = map_header(DIMS, origin=(5.0, -6.0, 7.5), starts=(1, 2, 3))
-    description = open_volume(str(map_file(tmp_path / "volume.mrc", values, header))).describe()
+    description = open_volume(str(map_file(tmp_path / "volume.mrc", values, header))).description
     assert description.geometry.origin == (5.0, -6.0, 7.5)
     assert "places the map twice" in description.warnings[0]
 
@@ -149,7 +149,7 @@ def test_the_origin_words_place_the_map(tmp_path: Path) -> None:
 def test_an_origin_that_repeats_the_start_is_not_added_to_it(tmp_path: Path) -> None:
     cell = (20.0, 48.0, 100.0, 90.0, 90.0, 90.0)
     header = map_header(DIMS, cell=cell, origin=(4.0, -6.0, 16.0), starts=(4, -3, 8))
-    description = open_volume(str(map_file(tmp_path / "volume.mrc", map_values("float32"), header))).describe()
+    description = open_volume(str(map_file(tmp_path / "volume.mrc", map_values("float32"), header))).description
     assert description.geometry.origin == pytest.approx((4.0, -6.0, 16.0), rel=tolerances.GEOMETRY_FLOAT32)
     assert not description.warnings
 
@@ -168,14 +168,14 @@ def test_an_origin_that_repeats_the_start_is_not_added_to_it(tmp_path: Path) -> 
 def test_what_had_to_be_guessed_is_told(words: dict[str, Any], warning: str, tmp_path: Path) -> None:
     values = map_values("float32")
     path = map_file(tmp_path / "volume.mrc", values, map_header(DIMS, **words))
-    description = open_volume(str(path)).describe()
+    description = open_volume(str(path)).description
     assert len(description.warnings) == 1 and warning in description.warnings[0]
     np.testing.assert_array_equal(read_whole(path), values)
 
 
 def test_a_map_without_a_cell_has_no_unit(tmp_path: Path) -> None:
     header = map_header(DIMS, cell=[0.0] * 6, axes=(0, 0, 0), starts=(1, 2, 3))
-    description = open_volume(str(map_file(tmp_path / "volume.mrc", map_values("float32"), header))).describe()
+    description = open_volume(str(map_file(tmp_path / "volume.mrc", map_values("float32"), header))).description
     assert description.unit == "" and description.geometry.spacing == (1, 1, 1)
     assert description.geometry.origin == (1, 2, 3)
 
@@ -201,7 +201,7 @@ def test_a_volume_of_a_stack_is_chosen_by_number(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="a series of 3 volumes, numbered from 0"):
         open_volume(str(path))
     for number in range(3):
-        assert f"volume {number} of a stack" in open_volume(f"{path}#{number}").describe().format
+        assert f"volume {number} of a stack" in open_volume(f"{path}#{number}").description.format
         np.testing.assert_array_equal(read_whole(f"{path}#{number}"), values[5 * number : 5 * number + 5])
 
 
@@ -228,7 +228,7 @@ def test_only_the_rows_of_a_box_are_read(tmp_path: Path) -> None:
     open_volume(str(path)).read(Box((0, 0, 0), (1, 1, 1)))  # imports what the format needs
     before = bytes_read()
     reader = open_volume(str(path))
-    assert reader.describe().reads_sub_cubes
+    assert reader.description.reads_sub_cubes
     assert bytes_read() - before < path.stat().st_size // 128
     for box in (Box((0, 0, 64), (128, 128, 72)), Box((0, 32, 64), (128, 96, 72)), Box((64, 32, 64), (96, 96, 72))):
         before = bytes_read()

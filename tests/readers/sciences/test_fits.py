@@ -406,7 +406,7 @@ def test_only_the_sub_cube_is_read(tmp_path: Path) -> None:
         before = bytes_read()
         reader = open_volume(str(path))
         opened = bytes_read() - before
-        assert reader.describe().reads_sub_cubes
+        assert reader.description.reads_sub_cubes
         assert opened < 32 * 2880
         before = bytes_read()
         np.testing.assert_array_equal(reader.read(box), values[40:44, 32:96])
@@ -420,7 +420,7 @@ def test_tiles_that_are_cut_off_after_the_file_was_opened_are_one_clear_line(tmp
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size // 2)
     with pytest.raises(BadInput, match="cube.fits.fz: .*truncated"):
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
 
 
 def test_reading_is_silent(shared_data: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -527,7 +527,7 @@ def test_a_damaged_header_is_read_or_refused(which: int, data: st.DataObject, or
     damaged.write_bytes(raw)
     try:
         reader = open_volume(str(damaged))
-        box = reader.describe().geometry.box
+        box = reader.description.geometry.box
         if math.prod(box.high) <= 8 * math.prod(SHAPE):
             assert reader.read(box).shape == box.high[::-1]
     except BadInput as refusal:

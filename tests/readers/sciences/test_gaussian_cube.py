@@ -60,7 +60,7 @@ def assert_same(got: Voxels, values: Voxels) -> None:
 
 def test_the_benzene_orbital_has_the_numbers_of_its_text(shared_data: Path) -> None:
     path = shared_data / "orbital" / "benzene-homo.cube"
-    description = open_volume(str(path)).describe()
+    description = open_volume(str(path)).description
     assert description.geometry.dims == (55, 55, 40)
     assert description.unit == "Å" and description.density_name == "wave function"
     assert not description.reads_sub_cubes and description.why_whole
@@ -77,7 +77,7 @@ def test_the_benzene_orbital_changes_its_sign_in_the_plane_of_the_ring(shared_da
     path = str(shared_data / "orbital" / "benzene-homo.cube")
     voxels = read_whole(path)
     assert (voxels.min(), voxels.max()) == pytest.approx((-0.2125, 0.2125), rel=tolerances.RANGE_PRINTED)
-    heights = [open_volume(path).describe().geometry.physical((0.0, 0.0, float(k)))[2] for k in range(40)]
+    heights = [open_volume(path).description.geometry.physical((0.0, 0.0, float(k)))[2] for k in range(40)]
     k, j, i = np.unravel_index(voxels.argmax(), voxels.shape)
     assert abs(heights[k]) < 1  # a pi orbital is greatest half an Angstrom above and below the ring
     other = min(range(40), key=lambda n: abs(heights[n] + heights[k]))
@@ -93,7 +93,7 @@ def test_a_skewed_cell_and_its_lengths_in_angstrom(tmp_path: Path) -> None:
     values = values_of()[..., 0]
     for angstrom, factor in ((False, ANGSTROM_PER_BOHR), (True, 1.0)):
         path = written(tmp_path / "volume.cube", cube_text(values, angstrom=angstrom))
-        geometry = open_volume(str(path)).describe().geometry
+        geometry = open_volume(str(path)).description.geometry
         assert geometry.dims == SHAPE
         expected = factor * np.array(SKEWED).T
         np.testing.assert_allclose(geometry.index_to_physical, expected, rtol=tolerances.GEOMETRY_FLOAT64)
@@ -113,7 +113,7 @@ def test_one_of_several_orbitals_is_chosen_by_its_number(tmp_path: Path) -> None
     path = written(tmp_path / "volume.cube", cube_text(values, atoms=-2, orbitals=orbitals))
     for n in (0, 5, 11):
         assert_same(read_whole(f"{path}#{orbitals[n]}"), values[..., n])
-    assert open_volume(f"{path}#17").describe().density_name == "wave function 17"
+    assert open_volume(f"{path}#17").description.density_name == "wave function 17"
     with pytest.raises(BadInput, match=r"12 orbitals: 15, 16, .*, 26; choose one, as in volume.cube#15"):
         open_volume(str(path))
     with pytest.raises(BadInput, match="no part “3”; its orbitals are 15"):

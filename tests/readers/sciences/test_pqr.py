@@ -57,7 +57,7 @@ def pdb_of(lines: str) -> str:
 @pytest.mark.parametrize("kind", ["density", "elements"])
 def test_atoms_are_drawn_as_those_of_a_pdb_file(name: str, kind: str, tmp_path: Path) -> None:
     path = written(tmp_path / name, SMALL)
-    description = open_volume(f"{path}#{kind}").describe()
+    description = open_volume(f"{path}#{kind}").description
     assert description.format.startswith("PQR, 10 atoms ")
     assert description.warnings == (
         "the charges and radii of PQR are not drawn: atoms are drawn by their elements, told by their names",
@@ -87,14 +87,14 @@ def test_fields_may_be_parted_by_any_spaces(text: str, tmp_path: Path) -> None:
 
 def test_numbers_may_touch_in_columns(tmp_path: Path) -> None:
     line = "ATOM      1  N   ALA A   1    -100.677-101.230-100.491  0.1414 1.8240\n"
-    grid = open_volume(str(written(tmp_path / "a.pqr", line))).describe().geometry
+    grid = open_volume(str(written(tmp_path / "a.pqr", line))).description.geometry
     middle = [low + step * (n - 1) / 2 for low, step, n in zip(grid.origin, grid.spacing, grid.dims, strict=True)]
     np.testing.assert_allclose(middle, (-100.677, -101.23, -100.491), atol=max(grid.spacing))
 
 
 def test_a_charge_is_told_from_an_occupancy_under_the_name_of_pdb(tmp_path: Path) -> None:
     bare = "\n".join(line for line in SMALL.splitlines() if not line.startswith("REMARK"))
-    assert open_volume(str(written(tmp_path / "a.pdb", bare))).describe().format.startswith("PQR, 10 atoms")
+    assert open_volume(str(written(tmp_path / "a.pdb", bare))).description.format.startswith("PQR, 10 atoms")
 
 
 def test_a_real_molecule_is_the_same_in_pqr(shared_data: Path, tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_real_molecule_is_the_same_in_pqr(shared_data: Path, tmp_path: Path) -
                 where = f"{residue.name} {chain.name} {residue.seqid} {x:.3f} {y:.3f} {z:.3f}"
                 lines.append(f"ATOM {len(lines) + 1} {atom.name} {where} {sign * 0.5:.3f} 1.5")
     copy = written(tmp_path / "4hhb.pqr", "\n".join(lines))
-    assert open_volume(str(copy)).describe().format.startswith("PQR, 4558 atoms")
+    assert open_volume(str(copy)).description.format.startswith("PQR, 4558 atoms")
     np.testing.assert_array_equal(read_whole(f"{copy}#elements,1"), read_whole(f"{path}#elements,1"))
 
 

@@ -334,7 +334,7 @@ def test_only_the_traces_of_the_sub_cube_are_read(tmp_path: Path) -> None:
     size = path.stat().st_size
     before = bytes_read()
     reader = open_volume(str(path))
-    assert reader.describe().reads_sub_cubes
+    assert reader.description.reads_sub_cubes
     assert bytes_read() - before < size / 8  # some hundred headers
     for box in (Box((0, 10, 30), (1500, 20, 34)), Box((500, 10, 30), (1000, 20, 34))):
         before = bytes_read()
@@ -454,7 +454,7 @@ def test_damaged_headers_are_read_or_refused(data: st.DataObject, original: Path
     path.write_bytes(raw)
     try:
         reader = open_volume(str(path))
-        box = reader.describe().geometry.box
+        box = reader.description.geometry.box
         assert reader.read(box).shape == box.high[::-1]
     except BadInput as refusal:
         assert "\n" not in str(refusal)

@@ -30,7 +30,7 @@ GROUPS = ("P 1", "P 1 21 1", "C 1 2 1")
 
 def read_whole(path: Path | str) -> tuple[Geometry, Voxels]:
     reader = open_volume(str(path))
-    geometry = reader.describe().geometry
+    geometry = reader.description.geometry
     return geometry, reader.read(geometry.box)
 
 
@@ -38,7 +38,7 @@ def frequencies(path: Path) -> dict[tuple[int, ...], complex]:
     """Every structure factor of the volume of frequencies, by its indices."""
     reader = open_volume(f"{path}#frequency")
     assert reader.read_second is not None
-    description = reader.describe()
+    description = reader.description
     amplitudes, phases = (read(description.geometry.box) for read in (reader.read, reader.read_second))
     assert description.axes is not None
     first = [round(axis.first) for axis in description.axes]
@@ -124,7 +124,7 @@ def test_the_measured_values_are_at_their_indices(tmp_path: Path) -> None:
 
 
 def test_frequencies_lie_as_far_out_as_they_resolve(tmp_path: Path) -> None:
-    description = open_volume(f"{mtz(tmp_path / 'made.mtz')}#amplitude").describe()
+    description = open_volume(f"{mtz(tmp_path / 'made.mtz')}#amplitude").description
     assert description.unit == "1/Å" and description.density_name == "amplitude"
     assert description.strength_name == "gradient strength" and description.second_scalar is None
     assert description.axes is not None and [axis.name for axis in description.axes] == ["h", "k", "l"]
@@ -141,7 +141,7 @@ def test_boxes_are_slices(tmp_path: Path) -> None:
     for part in ("map", "patterson", "amplitude", "frequency"):
         reader = open_volume(f"{path}#{part}")
         box = Box((1, 2, 0), (4, 5, 6))
-        whole = reader.read(reader.describe().geometry.box)
+        whole = reader.read(reader.description.geometry.box)
         got = reader.read(box)
         assert got.flags.c_contiguous and got.dtype == np.float32
         np.testing.assert_array_equal(got, whole[0:6, 2:5, 1:4])
@@ -149,19 +149,19 @@ def test_boxes_are_slices(tmp_path: Path) -> None:
 
 def test_columns_are_chosen_by_their_labels(tmp_path: Path) -> None:
     path = mtz(tmp_path / "made.mtz", columns="FP:F I:J FWT:F PHWT:P FC:F PHIC:P")
-    default = open_volume(str(path)).describe()
+    default = open_volume(str(path)).description
     assert "map of FWT,PHWT" in default.format
-    chosen = open_volume(f"{path}#map:FC,PHIC").describe()
+    chosen = open_volume(f"{path}#map:FC,PHIC").description
     assert "map of FC,PHIC" in chosen.format
     np.testing.assert_array_equal(read_whole(path)[1], read_whole(f"{path}#map:FP,PHIC")[1])  # the same numbers
-    assert "amplitude of FP" in open_volume(f"{path}#amplitude").describe().format
+    assert "amplitude of FP" in open_volume(f"{path}#amplitude").description.format
     measured, root = read_whole(f"{path}#amplitude")[1], read_whole(f"{path}#amplitude:I")[1]
     np.testing.assert_allclose(root, measured, rtol=tolerances.SPLAT_FLOAT32)
 
 
 def test_a_lone_pair_needs_no_names(tmp_path: Path) -> None:
     path = mtz(tmp_path / "made.mtz", columns="Fx:F phix:P")
-    assert "map of Fx,phix" in open_volume(str(path)).describe().format
+    assert "map of Fx,phix" in open_volume(str(path)).description.format
 
 
 def test_negative_intensities_are_told(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_negative_intensities_are_told(tmp_path: Path) -> None:
     table[:3, 3] = -1.0
     read.set_data(table)
     read.write_to_file(str(path))
-    description = open_volume(f"{path}#amplitude").describe()
+    description = open_volume(f"{path}#amplitude").description
     assert description.warnings == ("3 intensities below 0 are taken as 0",)
 
 
@@ -182,8 +182,8 @@ def test_mmcif_and_mtz_are_the_same(shared_data: Path, tmp_path: Path, capfd: py
     capfd.readouterr()
     for part in ("map", "frequency"):
         one, other = open_volume(f"{path}#{part}"), open_volume(f"{tmp_path / 'converted.mtz'}#{part}")
-        assert one.describe().geometry == other.describe().geometry
-        box = one.describe().geometry.box
+        assert one.description.geometry == other.description.geometry
+        box = one.description.geometry.box
         np.testing.assert_allclose(
             one.read(box), other.read(box), rtol=tolerances.SPLAT_FLOAT32, atol=tolerances.SPLAT_FLOAT32
         )
@@ -191,7 +191,7 @@ def test_mmcif_and_mtz_are_the_same(shared_data: Path, tmp_path: Path, capfd: py
 
 
 def test_real_structure_factors_are_as_their_table_says(shared_data: Path) -> None:
-    density = open_volume(str(shared_data / "structure_factors/r5wkdsf.ent")).describe()
+    density = open_volume(str(shared_data / "structure_factors/r5wkdsf.ent")).description
     assert density.format == "structure-factor mmCIF, 406 reflections, map of pdbx_FWT,pdbx_PHWT to 1.8 Å"
     assert density.geometry.dims == (120, 12, 36) and density.unit == "Å"
     corner = density.geometry.physical((120.0, 12.0, 36.0))
@@ -199,7 +199,7 @@ def test_real_structure_factors_are_as_their_table_says(shared_data: Path) -> No
     assert corner == pytest.approx(
         cell.orthogonalize(gemmi.Fractional(1, 1, 1)).tolist(), rel=tolerances.GEOMETRY_FLOAT64
     )
-    amplitude = open_volume(f"{shared_data / 'structure_factors/5e5z.mtz'}#amplitude").describe()
+    amplitude = open_volume(f"{shared_data / 'structure_factors/5e5z.mtz'}#amplitude").description
     assert amplitude.geometry.dims == (11, 11, 23)
     assert "403 reflections, amplitude of FP" in amplitude.format
 
@@ -224,7 +224,7 @@ def test_phases_reach_the_packets_and_the_probe(tmp_path: Path) -> None:
     name = f"{mtz(tmp_path / 'made.mtz')}#frequency"
     reader = open_volume(name)
     assert reader.read_second is not None
-    box = reader.describe().geometry.box
+    box = reader.description.geometry.box
     amplitudes, phases = reader.read(box), reader.read_second(box)
     scene = Scene(
         tables=Tables(
@@ -367,11 +367,11 @@ def test_bad_structure_factors_are_refused_in_one_line(
 def test_a_block_is_chosen_by_its_name(tmp_path: Path) -> None:
     second = (CIF_HEAD + CIF_LOOP + "2 0 0 7.0\n").replace("data_r1", "data_r2")
     path = cif(tmp_path, CIF_HEAD + CIF_LOOP + "1 0 0 5.0\n" + second)
-    first = open_volume(f"{path}#amplitude").describe()
+    first = open_volume(f"{path}#amplitude").description
     assert first.geometry.dims == (3, 1, 1) and "of the blocks r1, r2 the first is shown" in first.warnings[0]
-    chosen = open_volume(f"{path}#amplitude,block=r2").describe()
+    chosen = open_volume(f"{path}#amplitude,block=r2").description
     assert chosen.geometry.dims == (5, 1, 1) and not chosen.warnings
     assert [part for part, _ in parts_of(str(path))] == ["block=r1", "block=r2"]
     told = parts_of(f"{path}#block=r2")
     assert told and all(one.part.endswith(",block=r2") for one in told)
-    assert open_volume(f"{path}#{told[-1].part}").describe().geometry.dims == (5, 1, 1)
+    assert open_volume(f"{path}#{told[-1].part}").description.geometry.dims == (5, 1, 1)

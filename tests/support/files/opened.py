@@ -10,11 +10,11 @@ from volsplat.protocol.text.errors import BadInput
 
 def read_whole(name: object) -> Voxels:
     reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
+    return reader.read(reader.description.geometry.box)
 
 
 def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
+    return open_volume(str(name)).description
 
 
 def refused(name: object) -> str:

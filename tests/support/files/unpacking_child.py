@@ -13,7 +13,7 @@ from volsplat.protocol.text.errors import BadInput
 def outcome(volume: str) -> str:
     try:
         reader = open_volume(volume)
-        reader.read(reader.describe().geometry.box)
+        reader.read(reader.description.geometry.box)
     except BadInput as refusal:
         return f"refused: {refusal}"
     return "read"
