@@ -31,7 +31,6 @@ STEPS = 2 * SIGNS_IN_SILENCE  # in the time after which a peer counts as lost
 MOST_OF_A_STEP = 2.0  # times a step that count, if this thread came later
 
 Patience = Callable[[], float]  # seconds of silence; it may change from one moment to the next
-GiveUp = Callable[[str], None]  # why
 
 
 @dataclass
@@ -40,7 +39,6 @@ class _Pulse:
 
     connection: Connection
     patience: Patience | None
-    give_up: GiveUp
     heard: int = field(init=False)
     said: int = -1  # other than any count: it is told of life at once
     silent: float = 0.0  # part of the patience that is used up
@@ -74,7 +72,9 @@ class _Pulse:
             return
         self.silent += seconds / patience
         if self.silent >= 1.0:
-            self.give_up(f"{self.connection} has said nothing for {patience:g} s: it is frozen, overloaded or cut off")
+            self.connection.give_up(
+                f"{self.connection} has said nothing for {patience:g} s: it is frozen, overloaded or cut off"
+            )
 
     def _follow_delivery(self, seconds: float, limit: float) -> None:
         sends_again, taken = self.connection.delivery
@@ -111,13 +111,10 @@ class Heartbeat:
         self._closed = threading.Event()
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
 
-    def keep(self, connection: Connection, patience: Patience | None, give_up: GiveUp | None = None) -> None:
-        """Keep an open connection alive until it is closed; None: its peer owes no sign of life.
-
-        `give_up` is called once its peer is silent; unless it is given, the connection is closed.
-        """
+    def keep(self, connection: Connection, patience: Patience | None) -> None:
+        """Keep an open connection alive until it is closed, as once its peer is silent; None: that owes no sign of life."""
         with self._lock:
-            self._pulses.append(_Pulse(connection, patience, give_up or connection.give_up))
+            self._pulses.append(_Pulse(connection, patience))
 
     def close(self) -> None:
         self._closed.set()

@@ -342,7 +342,7 @@ def test_a_peer_that_is_heard_is_given_up_once_the_network_has_swallowed_the_sam
     server.send(messages.LeaveSession())
     wait_until(lambda: client.unread, "is it heard")
     limit = patience or UNTAKEN * SILENCE_SECONDS
-    pulse = _Pulse(client, None if patience is None else lambda: limit, client.give_up)
+    pulse = _Pulse(client, None if patience is None else lambda: limit)
     assert lasts(pulse, LONGEST_STEP)  # what was taken before is not known
     assert lasts(pulse, limit - LONGEST_STEP)
     assert not lasts(pulse, LONGEST_STEP)
@@ -355,7 +355,7 @@ def test_what_arrives_late_or_is_only_not_read_counts_as_delivered(
     ends: tuple[Connection, Connection], told: Told, sends_again: bool, more: int
 ) -> None:
     client, _ = ends
-    pulse = _Pulse(client, None, client.give_up)
+    pulse = _Pulse(client, None)
     assert lasts(pulse, LONGEST_STEP)
     for _ in range(3):
         assert lasts(pulse, UNTAKEN * SILENCE_SECONDS - LONGEST_STEP)
