@@ -168,11 +168,18 @@ def export(
         raise BadInput("an open session's voxels are with its servers; give export the volume itself")
     level = None if level is None else checked_number(level, "level")
     check_export(place, level, light)
+
+    def written(single: SingleProcess) -> str:
+        single.volume.check_has_values()
+        if single.path is not None:
+            check_written_apart(single.path, place)
+        return write_export(single, _scene(single.volume, scene, changes), place, level, every, light)
+
     if isinstance(volume, SingleProcess):
-        return _exported(volume, scene, place, level, every, light, changes)
+        return written(volume)
     with SingleProcess(volume, threads=usable_cores()) as single:
         _tell_notes(single.volume)
-        return _exported(single, scene, place, level, every, light, changes)
+        return written(single)
 
 
 def _in_notebook(volume: Any, scene: Scene | Preset | str | None, changes: dict[str, Any]) -> Any:
@@ -222,21 +229,6 @@ def _rendered(
     if why := why_empty(image.numpy(), wanted):
         warnings.warn(why, EmptyImage, stacklevel=level_of_caller())
     return image if figure is None else RenderedFigure(image, figure, of)
-
-
-def _exported(
-    single: SingleProcess,
-    scene: Scene | Preset | str | None,
-    path: Path,
-    level: float | None,
-    every: int,
-    light: Light | None,
-    changes: dict[str, Any],
-) -> str:
-    single.volume.check_has_values()
-    if single.path is not None:
-        check_written_apart(single.path, path)
-    return write_export(single, _scene(single.volume, scene, changes), path, level, every, light)
 
 
 def _scene(
