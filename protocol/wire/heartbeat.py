@@ -112,7 +112,7 @@ class Heartbeat:
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
 
     def keep(self, connection: Connection, patience: Patience | None) -> None:
-        """Keep an open connection alive until it is closed, as once its peer is silent; None: that owes no sign of life."""
+        """Keep an open connection alive until it is closed, as once its peer is silent; None: that need not speak."""
         with self._lock:
             self._pulses.append(_Pulse(connection, patience))
 
