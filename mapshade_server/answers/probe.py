@@ -14,7 +14,7 @@ from volsplat.protocol.rules.levels import index_in_volume
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 
-AT_ONCE = 256  # voxels of a line: one that can be seen is often among the first
+AT_ONCE = 16  # voxels of a line: one that can be seen is often among the first
 
 
 def front_most(sub_cubes: Sequence[SubCube], drawing: Drawing, line: LineOfSight) -> ProbedVoxel | None:
