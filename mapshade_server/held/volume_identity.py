@@ -15,10 +15,10 @@ from typing import TypeVar
 
 from volsplat.mapshade_server.held.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
-from volsplat.mapshade_server.readers.reading.volume_files import OfFiles, Span, VolumeFile, files_of
+from volsplat.mapshade_server.readers.reading.volume_files import Opened, Span, VolumeFile, files_of
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume_identity import VolumeIdentity
-from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.description.volume_name import VolumeName, volume_name
 from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = 1024
@@ -28,7 +28,7 @@ BLOCKS = 64  # of a larger one
 BLOCK_BYTES = 4096
 DIGEST_BYTES = 16
 
-_Opened = TypeVar("_Opened", bound=OfFiles)
+_Opened = TypeVar("_Opened", bound=Opened)
 
 
 def identified_volume(volume: str) -> tuple[OpenedVolume, VolumeIdentity]:
@@ -57,20 +57,20 @@ def described_store(place: str, described: VolumeIdentity) -> PacketStore:
     return _described(place, described, open_store)
 
 
-def check_still(volume: str, opened: OfFiles, described: VolumeIdentity) -> None:
+def check_still(volume: str, opened: Opened, described: VolumeIdentity) -> None:
     """Raises BadInput if the volume was changed while it was read."""
     check_identity(volume, identity_of(volume, opened), described)
 
 
-def identity_of(volume: str, opened: OfFiles) -> VolumeIdentity:
+def identity_of(volume: str, opened: Opened) -> VolumeIdentity:
     """The identity of what is `opened` by this name now. Raises BadInput if its files cannot be looked at."""
-    place = volume_name(volume).plain_place
+    name = volume_name(volume)
     try:
-        files = files_of(opened, Path(place))
+        files = files_of(opened, Path(name.plain_place))
         states = [file.state() for file in files]
         contents = _digest(_blocks(files, [state.size for state in states]))
         first = files[0].read([Span(0, HEADER_BYTES)]) if files else []
-        lies_at = _place(place)
+        lies_at = _place(name)
     except OSError as error:
         raise BadInput(f"{volume}: cannot be read any more ({error.strerror or error}); put it back") from None
     description, dims = opened.description, ",".join(map(str, opened.description.geometry.dims))
@@ -119,7 +119,7 @@ def _identified(volume: str, open_by: Callable[[str], _Opened]) -> tuple[_Opened
 def _stamp(volume: str) -> tuple[int, int, int] | None:
     """None of what is no file here: opening it will say so."""
     try:
-        stat = os.stat(volume_name(volume).place)
+        stat = os.stat(volume_name(volume).plain_place)
     except OSError:
         return None
     return (stat.st_ino, stat.st_size, stat.st_mtime_ns)
@@ -147,11 +147,11 @@ def _blocks(files: Sequence[VolumeFile], sizes: Sequence[int]) -> Iterator[bytes
             yield from files[n].read(of_file[first : first + at_once])
 
 
-def _place(place: str) -> list[str]:
+def _place(name: VolumeName) -> list[str]:
     """What only this place has: files of one path may be others on other machines, and in other containers."""
-    if "://" in place:
-        return [place]
-    path = os.path.abspath(place)
+    if name.is_far:
+        return [name.place]
+    path = os.path.abspath(name.plain_place)
     return [socket.gethostname(), str(os.stat(os.path.dirname(path)).st_dev), path]
 
 

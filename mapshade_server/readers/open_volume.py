@@ -77,7 +77,7 @@ def open_volume(name: str) -> OpenedVolume:
     """
     named = volume_name(name)
     place, part = named.plain_place, named.part
-    if "://" in place:
+    if named.is_far:
         from volsplat.mapshade_server.readers.zarr_arrays.zarr_store import open_url
 
         return open_url(place, part)  # the only format that is read over networks

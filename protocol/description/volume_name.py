@@ -11,6 +11,7 @@ from urllib.parse import unquote
 
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
+from volsplat.protocol.text.printable import printable
 
 LOCAL_URL = "file://"
 LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
@@ -27,8 +28,13 @@ class VolumeName(NamedTuple):
         return "://" in self.place
 
     @property
+    def is_far(self) -> bool:
+        """Whether it is a URL, and none of this machine's files."""
+        return self.is_url and not self.place.startswith(LOCAL_URL)
+
+    @property
     def plain_place(self) -> str:
-        """The place; of a URL of this machine's files their path."""
+        """The place; of a URL of this machine's files their path, which may look like a URL itself."""
         return unquote(self.place.removeprefix(LOCAL_URL)) if self.place.startswith(LOCAL_URL) else self.place
 
     def __str__(self) -> str:
@@ -38,13 +44,16 @@ class VolumeName(NamedTuple):
 def volume_name(text: str) -> VolumeName:
     """What `text` names. A file whose own name has a `#` is taken whole.
 
-    Raises BadInput for what is not UTF-8, or too long.
+    Raises BadInput for what is not UTF-8, too long, or can be no file's name.
     """
     _check(text)
     place, _, part = text.partition("#")
     if "://" not in text and part and not Path(place).exists() and Path(text).exists():
         return VolumeName(text, "")
-    return VolumeName(place, part)
+    name = VolumeName(place, part)
+    if "\0" in name.plain_place:
+        raise BadInput(f"{printable(place)}: no file's name has a byte of 0; leave it out")
+    return name
 
 
 def absolute_name(text: str) -> str:

@@ -26,6 +26,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held import volume_identity
 from volsplat.mapshade_server.held.volume_identity import (
     BLOCK_BYTES,
     WHOLE_BYTES,
@@ -36,6 +37,7 @@ from volsplat.mapshade_server.held.volume_identity import (
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile, disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.scene import Quantise, Scene, Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
@@ -286,6 +288,20 @@ def test_a_file_that_is_replaced_while_it_is_read_is_refused(
     other = Reading(here)
     other.held.answers(other.changed_to(3))
     assert reading.packets() == other.packets(), "nothing is left of what was read meanwhile"
+
+
+@pytest.mark.parametrize("scheme", ["", "file://"])
+def test_a_file_that_is_changed_while_it_is_opened_is_refused(
+    here: Path, scheme: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opened(volume: str) -> OpenedVolume:
+        found = open_volume(volume)
+        written(here, (32, 40, 38))
+        return found
+
+    monkeypatch.setattr(volume_identity, "open_volume", opened)
+    with pytest.raises(BadInput, match="is being changed while it is opened; wait until that is over"):
+        identified_volume(f"{scheme}{here}")
 
 
 # -- the identity itself

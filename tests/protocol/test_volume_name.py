@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from support.files.opened import read_whole
 from support.files.volume_files import values_of, written
+from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.description.volume_name import absolute_name, check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -34,6 +37,23 @@ def test_an_endless_name_is_refused_before_a_server_is_told_it(place: str) -> No
         for named in (volume_name, absolute_name, check_is_there):
             with pytest.raises(BadInput, match=f"a volume's name of {len(name)} letters is too long; .* at most 4096"):
                 named(name)
+
+
+@pytest.mark.parametrize("place", ["x:/head.nrrd", "x://head.nrrd", "x%3A%2F%2Fhead.nrrd"])
+def test_a_url_of_a_file_here_leads_to_it_whatever_its_path_looks_like(tmp_path: Path, place: str) -> None:
+    (tmp_path / "x:").mkdir()
+    path = written(tmp_path / "x:" / "head.nrrd", values_of("uint8"))
+    url = f"file://{tmp_path}/{place}"
+    np.testing.assert_array_equal(read_whole(url), read_whole(path))
+    (_, by_url), (_, by_path) = identified_volume(url), identified_volume(str(path))
+    assert by_url == by_path
+
+
+@pytest.mark.parametrize("name", ["head\0.nrrd", "run\0.h5#/entry", "file:///head%00.nrrd"])
+def test_a_name_that_no_file_can_have_is_refused_for_what_it_is(name: str) -> None:
+    for named in (volume_name, absolute_name, check_is_there, open_volume, identified_volume):
+        with pytest.raises(BadInput, match="^[^\0]*: no file's name has a byte of 0; leave it out$"):
+            named(name)
 
 
 def test_a_missing_file_is_told_without_its_part(tmp_path: Path) -> None:

@@ -37,6 +37,8 @@ def root(tmp_path: Path) -> Path:
     inside.mkdir()
     outside.mkdir()
     np.save(inside / "own.npy", VOXELS)
+    (inside / "x:").mkdir()
+    np.save(inside / "x:" / "own.npy", VOXELS)
     np.save(outside / "secret.npy", VOXELS)
     (outside / "secret.raw").write_bytes(VOXELS.tobytes())
     with h5py.File(outside / "secret.h5", "w") as file:
@@ -82,11 +84,12 @@ def described(control: Connection, name: str | Path) -> messages.Message:
 
 def test_what_lies_below_it_is_read_by_either_name_and_nothing_else(control: Connection, root: Path) -> None:
     outside = root.parent / "root of others"
-    for name in (root / "own.npy", "own.npy", f"file://{root}/own.npy"):
+    for name in (root / "own.npy", "own.npy", f"file://{root}/own.npy", f"file://{root}/x:%2F%2Fown.npy"):
         assert isinstance(described(control, name), messages.VolumeDescribed)
     headers = ("up.nhdr", "absolute.mhd", "external.h5", "external.h5#/v")
     links = ("link.npy", "folder/secret.npy", "folder", "linked.zarr", f"../{outside.name}/secret.npy", "..")
     others = (outside / "secret.npy", "/etc/passwd", "/proc/self/environ", "https://example.org/v.zarr", "~")
+    others += (f"file://{outside}%2Fsecret.npy", "file://https://example.org/v.zarr", "own.npy\0")
     for name in (*headers, *links, *others):
         refused = described(control, name)
         assert isinstance(refused, messages.Refused), name

@@ -33,11 +33,10 @@ class DataRoot:
     def check(self, volume: str) -> None:
         """Raises BadInput, in the same words whether there is something or not."""
         name = volume_name(volume)
-        place = name.plain_place
-        if "://" in place:
+        if name.is_far:
             raise BadInput(f"{name.place}: this server reads no URLs, but what lies below its --data-root")
         try:
-            inside = Path(place).resolve().is_relative_to(self.path)
+            inside = Path(name.plain_place).resolve().is_relative_to(self.path)
         except (OSError, RuntimeError, ValueError):  # a ring of links, or a name that can be none
             inside = False
         if not inside:

@@ -48,8 +48,8 @@ def disk_files(paths: Sequence[Path]) -> tuple[DiskFile, ...]:
     return tuple(DiskFile(path) for path in dict.fromkeys(paths))
 
 
-class OfFiles(Protocol):
-    """A volume that has been opened."""
+class Opened(Protocol):
+    """A volume that has been opened, by a reader or as a packet store."""
 
     @property
     def description(self) -> VolumeDescription: ...
@@ -59,7 +59,7 @@ class OfFiles(Protocol):
         """The one with the header first. None if they are the named file, or all below a folder but for hidden ones."""
 
 
-def files_of(opened: OfFiles, path: Path) -> Sequence[VolumeFile]:
+def files_of(opened: Opened, path: Path) -> Sequence[VolumeFile]:
     """The files of a volume that is `opened` by this name, the one with the header first."""
     return opened.files or _files_at(path)
 
