@@ -5,6 +5,7 @@ or from element_size_um, which Fiji and ilastik write; the values' meaning from 
 """
 
 import re
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -164,7 +165,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def _reason(error: Exception) -> str:
     """What HDF5 says, without what h5py says around it."""
-    text = " ".join(str(error).replace('"', "").split())
+    text = " ".join(str(error).replace('"', "").split()).strip("'")
     if match := re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", text):
         return f"is truncated, it has {match[1]} of its {match[2]} bytes"
     match = re.fullmatch(r"[^()]*\((.*)\)", text)
@@ -182,43 +183,60 @@ def _dataset(part: ArrayPart, file: Any) -> tuple[str, Any, list[Part]]:
     if part.path and part.path not in file:
         raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(shown(_told(_arrays(file, ''))))}")
     root = "/" + part.path.strip("/")
-    found = file[root]
+    found = behind(file, root)
+    if found is None:
+        raise _leads_nowhere(part, file)
     if isinstance(found, h5py().Dataset):
         return root, found, []
     arrays = _arrays(found, root.rstrip("/"))
+    default, plotted = _nexus_default(found, root)
+    if behind(file, default) == plotted:  # where its axes are
+        arrays = {default if one == plotted else path: one for path, one in arrays.items()}
     volumes = {path: array for path, array in arrays.items() if len(array.shape) >= 3 and array.dtype.kind in "biuf"}
     if len(volumes) == 1:
         return *volumes.popitem(), []
     if not volumes:
         held = listed([*shown(_told(arrays)), *lost_links(found)])
         raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {held}")
-    default = _nexus_default(found)
     for path, array in volumes.items():
-        if array == default:
+        if array == plotted:
             return path, array, _told(volumes)
     raise choose_one(part, part.whole, _told(volumes))
+
+
+def _leads_nowhere(part: ArrayPart, file: Any) -> BadInput:
+    link = file.get(part.path, getlink=True)
+    if isinstance(link, h5py().ExternalLink):
+        where = f"{link.path} of {link.filename}, which is not there, or lacks that"
+        return BadInput(f"{part.whole}: is a link to {where}; put that file beside it, or fetch it again")
+    if isinstance(link, h5py().SoftLink):
+        return BadInput(f"{part.whole}: is a link to {link.path}, which leads nowhere; choose another part")
+    return BadInput(f"{part.whole}: is damaged; check or fetch the file again")
 
 
 def _arrays(group: Any, root: str) -> dict[str, Any]:
     """All datasets in the group at `root` and its groups, each by one path, and those to which links out of it lead."""
     found: dict[Any, str] = {}
     left = MOST_OBJECTS
+    to_look_at, seen = deque([(root, group)]), {group}
 
-    def look(name: str, one: Any) -> bool | None:
+    def look(path: str, one: Any) -> bool | None:
         nonlocal left
         left -= 1
         if isinstance(one, h5py().Dataset) and one.shape:
-            found.setdefault(one, f"{root}/{name}")
+            found.setdefault(one, path)
         return True if left <= 0 else None
 
-    group.visititems(look)
-    for name, _ in links_out(group, MOST_OBJECTS):
-        one = behind(group, name)
-        look(name, one)
-        if isinstance(one, h5py().Group):
-            one.visititems(lambda inner, it, name=name: look(f"{name}/{inner}", it))
-            for inner in soft_links(one, MOST_OBJECTS):  # to elsewhere in that file, of which nothing else is looked at
-                look(f"{name}/{inner}", behind(one, inner))
+    while to_look_at and left > 0:
+        way, at = to_look_at.popleft()
+        at.visititems(lambda inner, one, way=way: look(f"{way}/{inner}", one))
+        soft = soft_links(at, MOST_OBJECTS) if at != at.file["/"] else []  # nothing lies outside of a whole file
+        for inner in (*(name for name, _ in links_out(at, MOST_OBJECTS)), *soft):
+            one = behind(at, inner)
+            look(f"{way}/{inner}", one)
+            if isinstance(one, h5py().Group) and one not in seen:
+                seen.add(one)
+                to_look_at.append((f"{way}/{inner}", one))
     return {path: one for one, path in found.items()}
 
 
@@ -226,14 +244,20 @@ def _told(arrays: Mapping[str, Any]) -> list[Part]:
     return [array_told(path, arrays[path].shape) for path in sorted(arrays, key=natural_order)]
 
 
-def _nexus_default(group: Any) -> Any:
-    """What NeXus says to plot, None if it says nothing."""
-    attributes = _attributes(group)
-    while (name := text_attribute(attributes, "default")) in group and isinstance(group[name], h5py().Group):
-        group = group[name]
-        attributes = _attributes(group)
+def _nexus_default(group: Any, root: str) -> tuple[str, Any]:
+    """What NeXus says to plot in the group at `root`, and its path; None if it says nothing."""
+    attributes, passed = _attributes(group), set[Any]()
+    while group not in passed:  # one may name itself
+        passed.add(group)
+        name = text_attribute(attributes, "default")
+        if name and isinstance(inner := behind(group, name), h5py().Group):
+            group, root, attributes = inner, _below(root, name), _attributes(inner)
     signal = text_attribute(attributes, "signal")
-    return group[signal] if signal and signal in group else None
+    return _below(root, signal), behind(group, signal) if signal else None
+
+
+def _below(path: str, name: str) -> str:
+    return name if name.startswith("/") else f"{path.rstrip('/')}/{name}"
 
 
 def _check_readable(part: ArrayPart, dataset: Any) -> None:
@@ -312,7 +336,7 @@ def _axes(dataset: Any, attributes: Attributes, around: Sequence[_Group]) -> lis
     for n, (group, name) in enumerate(_nexus_axes(dataset.ndim, around)):
         if scales[n].axis == ArrayAxis(dataset.shape[n]) and name in group.group:
             if isinstance(variable := behind(group.group, name), h5py().Dataset):
-                scales[n] = _variable(dataset.shape[n], name, variable, (group.file, f"{group.path}/{name}"))
+                scales[n] = _variable(dataset.shape[n], name, variable, (group.file, _below(group.path, name)))
     sizes = attributes.get("element_size_um")
     if isinstance(sizes, list) and len(sizes) == 3 and dataset.ndim >= 3:
         end = dataset.ndim - _ends_in_components([one.axis for one in scales])
@@ -363,8 +387,8 @@ def _nexus_axes(count: int, around: Sequence[_Group]) -> list[tuple[_Group, str]
     """The datasets that NeXus says describe so many axes, by the first group that says so."""
     for group in around:
         if names := _attributes(group.group).get("axes"):
-            listed = names if isinstance(names, list) else str(names).replace(":", ",").split(",")
-            return [(group, str(name)) for name in listed[:count]]
+            listed = names if isinstance(names, list) else str(names).strip("[] ").replace(":", ",").split(",")
+            return [(group, str(name).strip()) for name in listed[:count]]
     return []
 
 

@@ -461,7 +461,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "texts": (lambda p: one(p, np.full((2, 2, 2), b"a")), "#/entry/data", "voxels of type bytes8"),
     "colour": (lambda p: one(p, np.zeros((5, 6, 7, 3), np.uint8)), "", "choose an index of axis3, as in"),
     "never written": (empty, "", "no voxel of it was ever written"),
-    "a lost link": (linked, "#data", "HDF5 cannot read it"),
+    "a lost link": (linked, "#data", "is a link to /data of nowhere.h5, which is not there, or lacks that; put"),
     "nothing but a lost link": (linked, "", "it holds data, which leads to /data of nowhere.h5, which is not there"),
     "voxels that are elsewhere": (
         lambda p: virtual(p, "gone.h5"),

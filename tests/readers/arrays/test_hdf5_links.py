@@ -1,0 +1,102 @@
+"""HDF5 datasets by links: out of a group, from file to file, in circles, to nothing; and what NeXus says by them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from support.files.opened import described, read_whole
+from support.files.volume_files import values_of
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.reading.parts import PartNeeded
+from volsplat.protocol.text.errors import BadInput
+
+h5py = pytest.importorskip("h5py")
+
+VALUES = values_of("int16")
+
+
+def written(path: Path, fill: Callable[[Any], object]) -> Path:
+    with h5py.File(path, "w") as file:
+        fill(file)
+    return path
+
+
+def linked_plot(file: Any) -> None:
+    """As beamlines write it: the plot's signal and an axis are links to where a detector wrote them."""
+    file["entry/camera/frames"], file["entry/camera/dark"] = VALUES, VALUES * 0
+    file["entry/camera/rows"] = np.arange(VALUES.shape[1]) * 0.5
+    plot = file.create_group("entry/plot")
+    plot["data"], plot["row"] = h5py.SoftLink("/entry/camera/frames"), h5py.SoftLink("/entry/camera/rows")
+    plot.attrs.update({"signal": "data", "axes": [".", "row", "."]})
+    file.attrs["default"], file["entry"].attrs["default"] = "entry", "plot"
+
+
+@pytest.mark.parametrize("part", ["", "#entry/plot", "#entry/plot/data"])
+def test_what_nexus_plots_by_a_link_has_the_axes_that_lie_beside_the_link(part: str, tmp_path: Path) -> None:
+    name = f"{written(tmp_path / 'v.nxs', linked_plot)}{part}"
+    np.testing.assert_array_equal(read_whole(name), VALUES)
+    assert described(name).geometry.spacing == (1, 0.5, 1)
+
+
+@pytest.mark.parametrize("axes", [".:row:.", "., row, .", "[.,row,.]"])
+def test_nexus_may_name_axes_in_one_text(axes: str, tmp_path: Path) -> None:
+    def fill(file: Any) -> None:
+        file["data"], file["row"] = VALUES, np.arange(VALUES.shape[1]) * 0.5
+        file.attrs["axes"] = axes
+
+    assert described(written(tmp_path / "v.nxs", fill)).geometry.spacing == (1, 0.5, 1)
+
+
+@pytest.mark.parametrize("default", [".", "/", "me", "group"])
+def test_a_group_that_nexus_has_plot_itself_ends_in_a_choice(default: str, tmp_path: Path) -> None:
+    def fill(file: Any) -> None:
+        file["group/a"], file["group/b"], file["me"] = VALUES, VALUES, h5py.SoftLink("/")
+        file.attrs["default"], file["group"].attrs["default"] = default, "."
+
+    with pytest.raises(PartNeeded):
+        open_volume(str(written(tmp_path / "v.nxs", fill)))
+
+
+def test_a_group_of_links_to_other_files_that_a_link_leads_to_is_gone_through(tmp_path: Path) -> None:
+    written(tmp_path / "leaf.h5", lambda file: file.create_dataset("data", data=VALUES))
+    written(tmp_path / "mid.h5", lambda file: file.__setitem__("plot/far", h5py.ExternalLink("leaf.h5", "/data")))
+    top = written(tmp_path / "top.h5", lambda file: file.__setitem__("way", h5py.ExternalLink("mid.h5", "/plot")))
+    np.testing.assert_array_equal(read_whole(top), VALUES)
+    assert described(top).format == "HDF5 dataset /way/far"
+
+
+def round_in_circles(file: Any) -> None:
+    file["data"] = VALUES
+    file["a"], file["b"] = h5py.SoftLink("/b"), h5py.SoftLink("/a")
+    file["out"], file["whole"] = h5py.ExternalLink("v.h5", "/out"), h5py.ExternalLink("v.h5", "/")
+    file["group/me"], file["group/a"] = h5py.SoftLink("/group"), h5py.SoftLink("/a")
+    file.attrs["axes"] = ["a", "out", "group"]
+
+
+@pytest.mark.parametrize("part", ["", "#group/me/me", "#whole/whole/data"])
+def test_links_in_circles_keep_nothing_from_being_read(part: str, tmp_path: Path) -> None:
+    name = f"{written(tmp_path / 'v.h5', round_in_circles)}{part}"
+    if "group" not in part:
+        np.testing.assert_array_equal(read_whole(name), VALUES)
+        return
+    with pytest.raises(BadInput, match="holds no dataset with three axes"):
+        open_volume(name)
+
+
+@pytest.mark.parametrize(
+    ("link", "told"),
+    [
+        (h5py.SoftLink("/gone"), "is a link to /gone, which leads nowhere; choose"),
+        (h5py.SoftLink("/lost"), "is a link to /lost, which leads nowhere; choose"),
+        (h5py.ExternalLink("gone.h5", "/a"), "is a link to /a of gone.h5, which is not there, or lacks that; put"),
+        (h5py.ExternalLink("v.h5", "/gone"), "is a link to /gone of v.h5, which is not there, or lacks that; put"),
+    ],
+)
+def test_a_link_that_leads_nowhere_says_where_that_would_be(link: Any, told: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "v.h5", lambda file: file.__setitem__("lost", link))
+    with pytest.raises(BadInput) as refused:
+        open_volume(f"{path}#lost")
+    assert f"{path}#lost: {told}" in str(refused.value)
