@@ -67,7 +67,7 @@ def test_a_picture_of_the_scene_comes_before_any_script_and_the_viewport_takes_i
     browser_page.unroute_all()
     opened(browser_page, view.url)
     expect(image).to_have_count(0)
-    there = browser_page.locator(".vs-view canvas").first.bounding_box()
+    there = browser_page.locator(".vs-picture").bounding_box()
     assert where is not None and there is not None
     assert all(abs(where[side] - there[side]) <= 8 for side in ("x", "y", "width", "height"))
 
@@ -99,7 +99,7 @@ def test_the_value_under_the_pointer_is_the_files_and_marked_in_the_tables(page:
 
     line = page.locator('section[aria-label="Opacity"] [data-part="told"]')
     expect(line).to_have_attribute("display", "none")
-    box = page.locator(".vs-view canvas").first.bounding_box()
+    box = page.locator(".vs-picture").bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     expect(line).to_have_attribute("display", "inline")
@@ -211,7 +211,7 @@ def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: 
     assert save(page, "scene as TOML").decode() == scene
     shown = after(page, lambda: page.locator("input[type=file][accept^='.toml']").first.set_input_files(good))
     assert shown[0, 0, :3].tolist() == [0x20, 0x40, 0x60]
-    page.locator(".vs-view canvas").first.focus()
+    page.locator(".vs-picture").focus()
     undone = after(page, lambda: page.keyboard.press("Control+z"))
     assert undone[0, 0, :3].tolist() == [0, 0, 0]
 
@@ -316,7 +316,7 @@ def test_on_a_far_line_more_than_two_pictures_are_under_way_and_none_is_stale(vi
 def test_a_lost_server_is_told_on_the_page_and_the_others_take_over(volume: Path, browser_page: Page) -> None:
     with viewed(volume.parent, volume, "--workers", "2") as view:
         page = opened(browser_page, view.url)
-        box = page.locator(".vs-view canvas").first.bounding_box()
+        box = page.locator(".vs-picture").bounding_box()
         assert box is not None
         page.mouse.move(box["x"] + 200, box["y"] + 200)
         page.mouse.down()

@@ -36,7 +36,7 @@ def picture_size(page: Page) -> list[int]:
 def test_a_turn_and_a_click_that_centres_are_undone(page: Page) -> None:
     before = canvas(page)
     turned = after(page, lambda: drag(page, 60, 20))
-    place = box(page.locator(".vs-view canvas").first)
+    place = box(page.locator(".vs-picture"))
     x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
     centred = after(page, lambda: page.mouse.click(x + 30, y + 30))
     assert not torch.equal(centred, turned)
@@ -292,7 +292,7 @@ def test_what_is_typed_and_not_entered_outlives_that_the_page_is_loaded_anew(pag
 
 
 def test_what_moves_is_drawn_by_the_finest_step_lit_and_smooth(page: Page) -> None:
-    place = box(page.locator(".vs-view canvas").first)
+    place = box(page.locator(".vs-picture"))
     x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
     page.evaluate("() => { window.volsplatViewport.log.length = 0; }")
     page.mouse.move(x, y)

@@ -7,7 +7,7 @@ import json
 from nicegui import ui
 
 PARTS = {
-    "picture": ".vs-view canvas",
+    "picture": ".vs-picture",
     "shading": '[aria-label="shading"]',
     "view": '[aria-label="view"]',
     "bounds": '[aria-label="bounds"]',

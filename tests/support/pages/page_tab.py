@@ -91,7 +91,7 @@ def _next_last(page: Page, action: Callable[[], object], rising: str) -> torch.T
 
 
 def drag(page: Page, dx: float, dy: float) -> None:
-    box = page.locator(".vs-view canvas").first.bounding_box()
+    box = page.locator(".vs-picture").bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)

@@ -251,7 +251,7 @@ class ShownViewport:
 
     @property
     def canvas(self) -> Locator:
-        return self.page.locator("#host canvas")
+        return self.page.locator("#host .vs-picture")
 
     def show_and_wait(self, picture: bytes | None = None, **header: Any) -> int:
         """Send a picture and wait until the page says that it has seen it, and so all that was said before."""

@@ -14,6 +14,7 @@ from astropy.io import fits
 from support.files.opened import read_whole
 from support.pages.browser import browser
 from support.pages.page_tab import after, kept_open
+from support.pages.tables_tab import box
 from support.pages.viewed import Viewed, viewed
 from volsplat.client.phantoms import make_phantom
 
@@ -104,7 +105,7 @@ def test_a_value_beyond_the_window_is_the_files_own(head_page: Page, volume: Pat
         page.keyboard.press("Enter")
 
     after(page, cut_the_window)
-    box = page.locator(".vs-view canvas").first.bounding_box()
+    box = page.locator(".vs-picture").bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     value = page.locator(".vs-value")
@@ -145,11 +146,17 @@ def test_the_terminal_tells_the_address_and_warns_of_nothing(head: Viewed, head_
 
 
 def test_axes_of_different_kinds_have_bars_sides_and_a_note_of_their_own(cube: Viewed, cube_page: Page) -> None:
+    from playwright.sync_api import expect
+
     page = cube_page
     bars = [re.sub(r" [0-9.]+ ", " ", words) for words in page.locator(".vs-scale:visible").all_inner_texts()]
     assert bars == ["RA, Dec arcmin"], "one looks along velocity"
-    sides = {re.sub("[^A-Za-z]", "", side) for side in page.locator(".vs-letter").all_text_contents()}
-    assert sides == {"RA", "Dec", "vel"}
+    room = box(page.locator(".vs-cube"))
+    page.mouse.move(room["x"] + room["width"] / 2, room["y"] + room["height"] / 2)
+    for key, view, axis in (("5", "top", "Dec"), ("3", "left", "RA"), ("1", "front", "vel")):
+        page.keyboard.press(key)
+        told = re.compile(rf"look from the {view} \([+−]?{axis}[+−]?\)")
+        expect(page.locator(".vs-cube")).to_have_attribute("title", told)
     page.get_by_role("button", name="about this volume: 1 note of its reader").click()
     noted = page.locator(".vs-noted")
     noted.wait_for()

@@ -38,7 +38,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
 def drawn(cell: NotebookCell) -> bool:
     """Whether there is a picture in the viewport."""
     script = """() => {
-      const canvas = document.querySelector(".vs-viewport canvas");
+      const canvas = document.querySelector(".vs-picture");
       const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
       return new Set(data).size > 10;
     }"""
@@ -70,7 +70,7 @@ def test_a_key_over_the_picture_is_no_command_of_the_notebook(browser_page: Page
           document.addEventListener("keydown", hear, true);
         }""")
         cell.page.keyboard.press("d")
-        cell.page.locator(".vs-viewport canvas").press("m")
+        cell.page.locator(".vs-picture").press("m")
         cell.page.locator(OPACITY).get_by_role("slider").last.press("x")
         assert cell.page.evaluate("commands") == ["d"]
 
@@ -130,4 +130,4 @@ def test_a_viewport_whose_kernel_was_restarted_says_so(told: bool, browser_page:
             cell.page.locator(OPACITY).get_by_role("slider").last.press("ArrowUp")
         cell.until(trouble.is_visible)
         assert "the kernel was restarted, or has ended; run this cell again" in trouble.inner_text()
-        cell.page.locator(".vs-viewport canvas").press("ArrowLeft")  # and the page raises nothing
+        cell.page.locator(".vs-picture").press("ArrowLeft")  # and the page raises nothing

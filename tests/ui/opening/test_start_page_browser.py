@@ -138,7 +138,7 @@ def test_servers_of_a_cluster_tell_what_they_see_and_draw_what_is_chosen(
             for name in ("second.nrrd", "protein.nrrd"):
                 entry(page, name).click()
                 shows(page, name)
-                expect(page.locator(".vs-view canvas")).to_be_visible()
+                expect(page.locator(".vs-picture")).to_be_visible()
                 page.keyboard.press("o")
             entry(page, "damaged.nrrd").click()
             expect(dialog.get_by_role("alert")).to_contain_text("damaged.nrrd")

@@ -203,7 +203,7 @@ def test_a_pointer_on_a_slice_is_told_the_files_own_value_and_shift_pointing_at_
     i, j, k = map(int, re.findall("[0-9]+", value.inner_text().rpartition(" at ")[2]))
     own = read_whole(volume)[k, j, i]
     assert k == index_of(page, "k") and own.dtype.type(value.inner_text().split()[1]) == own
-    picture = box(page.locator(".vs-viewport canvas").first)
+    picture = box(page.locator(".vs-picture"))
     page.keyboard.down("Shift")
     page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2 + 4)
     page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2)
@@ -249,7 +249,7 @@ def test_slices_are_there_again_after_loading_anew_and_in_a_small_window(fresh_p
     assert min(place["width"] for place in places) > 150 and min(place["height"] for place in places) > 150
     page.keyboard.press("s")
     slice_across(page, "k").wait_for(state="detached")
-    assert box(page.locator(".vs-viewport canvas").first)["width"] == 390
+    assert box(page.locator(".vs-picture"))["width"] == 390
 
 
 def test_on_slices_distances_are_measured_by_hand_and_by_keys(page: Page) -> None:

@@ -138,7 +138,7 @@ def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(page: Page,
 
     page.set_viewport_size(window_of(size))
     page.wait_for_function(REFINED)
-    box = page.locator(".vs-view canvas").first.bounding_box()
+    box = page.locator(".vs-picture").bounding_box()
     assert box is not None
     assert box["width"] == size[0] and box["height"] > 0.7 * size[1]
     assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
@@ -240,7 +240,7 @@ def middle_of(point: Locator) -> tuple[float, float]:
 
 def test_all_of_the_picture_is_seen_above_a_drawer_of_a_telephone(page: Page) -> None:
     def fills(share: float) -> bool:
-        canvas, seen = page.locator(".vs-view canvas").first.bounding_box(), height_seen(page)
+        canvas, seen = page.locator(".vs-picture").bounding_box(), height_seen(page)
         assert canvas is not None
         return abs(seen - canvas["height"]) <= 2 and abs(seen - share * whole) <= 2
 

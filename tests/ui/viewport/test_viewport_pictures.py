@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from support.pages.browser import browser, browser_page, patient_context, serving
@@ -14,6 +17,7 @@ from support.pages.viewport_process import (
     SIZE,
     VIEW,
     VOLUME,
+    Message,
     ShownViewport,
     ViewportProcess,
     plain,
@@ -224,11 +228,40 @@ def test_a_handle_moves_the_whole_slab_with_shift(shown: ShownViewport, voxels: 
 
 
 def test_the_box_shows_while_the_pointer_is_over_the_viewport(shown: ShownViewport) -> None:
-    box = shown.page.locator(".vs-box")
-    shown.page.mouse.move(SIZE[0] + 100, SIZE[1] + 100)
-    expect(box).to_have_css("opacity", "0")
+    for part in (".vs-edges", ".vs-handles"):
+        shown.page.mouse.move(SIZE[0] + 100, SIZE[1] + 100)
+        expect(shown.page.locator(part)).to_have_css("opacity", "0")
+        shown.page.mouse.move(300, 200)
+        expect(shown.page.locator(part)).to_have_css("opacity", "1")
+
+
+def test_the_edges_of_the_box_lie_where_the_picture_has_them(shown: ShownViewport) -> None:
+    """The front face's corners, and nothing of the canvas but what is near a line."""
+    shown.process.say_scene(bounds={"low": [10, 0, 0], "high": VOLUME["dims"]})
+    shown.show_and_wait()
+    x = [MIDDLE[0] + 0.5 + (i - 31.5) * PIXELS_PER_VOXEL for i in (9.5, 63.5)]
+    y = [MIDDLE[1] + 0.5 + (k - 19.5) * 2 * PIXELS_PER_VOXEL for k in (-0.5, 39.5)]
+    drawn = drawn_pixels(shown.page.locator(".vs-edges"))
+    columns, rows = [math.floor(u) for u in x], [math.floor(v) for v in y]
+    assert drawn[np.ix_(rows, columns)].all(), "no line at a corner"
+    off = np.ones_like(drawn)
+    for column in columns:
+        off[:, column - 1 : column + 2] = False
+    for row in rows:
+        off[row - 1 : row + 2] = False
+    assert not (drawn & off).any()
+
+
+def test_handles_are_away_while_the_view_moves_and_back_when_it_rests(shown: ShownViewport) -> None:
+    expect(handle(shown, "high-k")).to_be_visible()
     shown.page.mouse.move(300, 200)
-    expect(box).to_have_css("opacity", "1")
+    shown.page.mouse.down()
+    expect(handle(shown, "high-k")).to_be_visible()
+    shown.page.mouse.move(340, 210, steps=3)
+    shown.show_and_wait(view=OBLIQUE)
+    expect(handle(shown, "high-k")).to_be_hidden()
+    shown.page.mouse.up()
+    expect(handle(shown, "high-k")).to_be_visible()
 
 
 def test_boxes_of_what_is_missing_are_drawn(shown: ShownViewport) -> None:
@@ -248,38 +281,100 @@ def test_parts_of_the_picture_that_nobody_has_drawn_are_outlined(shown: ShownVie
 
 
 def test_the_cube_stands_as_the_picture_and_turns_to_a_side(shown: ShownViewport) -> None:
-    letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter")
-    assert letters.all_text_contents() == ["A"]
+    assert sides_of_cube(shown).keys() == {"front"}
     shown.process.say_scene(by="t2", view=OBLIQUE)
     shown.show_and_wait(view=OBLIQUE)
-    assert set(letters.all_text_contents()) == {"A", "L", "S"}
-    shown.page.locator('[data-view="left"]').click()
+    sides = sides_of_cube(shown, OBLIQUE)
+    assert sides.keys() == {"front", "left", "top"}
+    shown.page.mouse.click(*sides["left"])
     view = shown.process.wait_for_settled()
     assert view["rotation"] == pytest.approx(named_view("left"), abs=CAMERA_PIXELS)
     # The picture on the screen is still the old one, and so is the cube over it.
-    assert set(letters.all_text_contents()) == {"A", "L", "S"}
+    assert sides_of_cube(shown, OBLIQUE) == sides
+
+
+def test_a_side_of_the_cube_under_the_pointer_is_marked(shown: ShownViewport) -> None:
+    cube = shown.page.locator(".vs-cube")
+    rests = cube.screenshot()
+    shown.page.mouse.move(*sides_of_cube(shown)["front"])
+    expect(cube).to_have_attribute("title", "look from the front (A)")
+    expect(cube).to_have_css("cursor", "pointer")
+    assert cube.screenshot() != rests
+    shown.page.mouse.move(0, 0)
+    expect(cube).to_have_attribute("title", "")
+    assert cube.screenshot() == rests
 
 
 def test_the_cube_of_other_volumes_names_the_axes(shown: ShownViewport) -> None:
-    shown.process.say({**VOLUME, "sides": {**VOLUME["sides"], "front": "−y", "left": "+x", "top": "+z"}})
-    shown.show_and_wait(view=OBLIQUE)
-    letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter").all_text_contents()
-    assert set(letters) == {"−y", "+x", "+z"}
+    cube = shown.page.locator(".vs-cube")
+    as_patient = cube.screenshot()
+    shown.process.say({**VOLUME, "sides": {**VOLUME["sides"], "front": "−y"}})
+    shown.show_and_wait()
+    assert cube.screenshot() != as_patient, "the letter is still A"
+    shown.process.say(VOLUME)
+    shown.show_and_wait()
+    assert cube.screenshot() == as_patient
+
+
+def test_the_cube_is_drawn_in_the_theme_that_the_page_has_taken(shown: ShownViewport) -> None:
+    cube = shown.page.locator(".vs-cube")
+    light = cube.screenshot()
+    shown.page.evaluate("document.body.classList.add('body--dark')")
+    shown.frames(2)
+    assert cube.screenshot() != light
+    shown.page.evaluate("document.body.classList.remove('body--dark')")
+    shown.frames(2)
+    assert cube.screenshot() == light
 
 
 @pytest.mark.parametrize("view", [*VIEW_NAMES, "rolled 90", "rolled 180", "rolled -30", "oblique", "overturned"])
 def test_the_letters_of_the_cube_stand_upright(shown: ShownViewport, view: str) -> None:
     """Of the four ways that a letter can lie on its face, the one nearest upright on the screen is taken."""
-    shown.show_and_wait(view={**VIEW, "rotation": rotation_called(view)})
-    letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter")
-    axes = letters.evaluate_all("(all) => all.map((text) => text.getScreenCTM()).map(({ a, b, c, d }) => [a, b, c, d])")
-    assert axes
-    for a, b, c, d in axes:
+    for a, b, c, d, _, _ in standing(shown, rotation_called(view)).values():
         assert a * d - b * c > 0, "a letter is mirrored"
         chosen, *others = (y / math.hypot(x, y) for x, y in ((c, d), (a, b), (-c, -d), (-a, -b)))
         assert chosen >= max(others)
         if view in VIEW_NAMES:
             assert (c, d) == pytest.approx((0, abs(a)), abs=HALF_A_CSS_PIXEL)
+
+
+def sides_of_cube(shown: ShownViewport, view: Message = VIEW) -> dict[str, tuple[float, float]]:
+    """The sides that are seen in a view, as the pointer finds them, and where their middles are."""
+    cube = shown.page.locator(".vs-cube")
+    box = cube.bounding_box()
+    assert box is not None
+    found = {}
+    for side, matrix in standing(shown, view["rotation"], box["width"]).items():
+        middle = box["x"] + matrix[4], box["y"] + matrix[5]
+        shown.page.mouse.move(*middle)
+        expect(cube).to_have_attribute("title", f"look from the {side} ({VOLUME['sides'][side]})")
+        found[side] = middle
+    return found
+
+
+def standing(shown: ShownViewport, rotation: Sequence[float], room: float = 100) -> dict[str, list[float]]:
+    """By view, how the cube's sides that are seen lie in its room."""
+    sides: list[tuple[str, list[float]]] = shown.page.evaluate(
+        """async ([rotation, room]) => {
+            const { standing } = await import("/static/viewport/orientation_cube.js");
+            return standing(rotation, room).map(({ view, matrix }) => [view, matrix]);
+        }""",
+        [rotation, room],
+    )
+    assert sides
+    return dict(sides)
+
+
+def drawn_pixels(canvas: Locator) -> NDArray[np.bool_]:
+    """(rows, columns): whether something is drawn there."""
+    alphas: list[int] = canvas.evaluate(
+        """(canvas) => {
+            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            return Array.from({ length: data.length / 4 }, (_, n) => data[4 * n + 3]);
+        }"""
+    )
+    width = canvas.evaluate("(canvas) => canvas.width")
+    return (np.array(alphas) > 0).reshape(-1, width)
 
 
 def rotation_called(view: str) -> Quaternion:

@@ -2,6 +2,7 @@
 // A small ball that a light is dragged on: shaded as the light falls on it, with a dot where the light stands.
 
 import { onPixelRatio } from "../browser/pixel_ratio.js";
+import { onTheme } from "../browser/theme.js";
 
 /** @typedef {[number, number, number]} Direction along the screen's axes: x right, y up, z towards the viewer */
 
@@ -58,8 +59,7 @@ export class LightBall {
     this.resized = new ResizeObserver(() => this.draw());
     this.resized.observe(canvas);
     onPixelRatio(() => this.draw(), this.listeners.signal);
-    this.themed = new MutationObserver(() => this.draw());
-    this.themed.observe(document.body, { attributeFilter: ["class"] });
+    onTheme(() => this.draw(), this.listeners.signal);
   }
 
   /** @param {Direction} direction of any length but zero */
@@ -73,7 +73,6 @@ export class LightBall {
   close() {
     this.listeners.abort();
     this.resized.disconnect();
-    this.themed.disconnect();
     cancelAnimationFrame(this.frame);
   }
 

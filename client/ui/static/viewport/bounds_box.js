@@ -1,10 +1,14 @@
 // The box of the bounds over a picture, with a handle on each face: dragging it moves that face along its axis, and with
 // Shift the one across as well.
 
+import { onTheme } from "../browser/theme.js";
 import { Projection } from "./camera.js";
+import { MarkCanvas } from "./mark_canvas.js";
 import { cross, dot } from "./rotation.js";
-import { drawLine, svg } from "./svg.js";
+import { svg } from "./svg.js";
 
+const LINE = 0.08; // of the text's size
+const STRENGTHS = { front: 0.75, behind: 0.25 };
 const STEEPEST = 0.15; // of a face's axis that must lie in the screen, for its handle to be draggable
 const AXES = "ijk";
 
@@ -21,7 +25,7 @@ const FACES = [0, 1, 2].flatMap((axis) => /** @type {Face[]} */ ([{ axis, end: "
 export class BoundsBox {
   #grid;
   #drag;
-  #wires = new Wires("vs-wire");
+  #canvas = new MarkCanvas("vs-edges");
   #handles;
   #label = svg("text", { class: "vs-handle-label" });
   #bounds = /** @type {Bounds | null} */ (null);
@@ -31,12 +35,14 @@ export class BoundsBox {
   /**
    * @param {Grid} grid
    * @param {(bounds: Bounds, settled: boolean, at: number) => void} drag called as a face is dragged
+   * @param {AbortSignal} signal its end
    */
-  constructor(grid, drag) {
+  constructor(grid, drag, signal) {
     this.#grid = grid;
     this.#drag = drag;
     this.#handles = FACES.map((face) => this.#handle(face));
-    this.element = svg("g", { class: "vs-box" }, [this.#wires.element, ...this.#handles, this.#label]);
+    this.element = svg("g", { class: "vs-handles" }, [...this.#handles, this.#label]);
+    onTheme(() => this.#draw(), signal);
     /** Whether a face is being dragged. */
     this.busy = false;
   }
@@ -47,17 +53,40 @@ export class BoundsBox {
     this.#draw();
   }
 
-  /** @param {Projection} projection of the picture on the screen @param {Frame} frame */
-  place(projection, frame) {
+  /** The edges. @returns {HTMLCanvasElement} */
+  get edges() {
+    return this.#canvas.element;
+  }
+
+  /**
+   * @param {Projection} projection of the picture on the screen @param {Frame} frame
+   * @param {boolean} moving whether a hand is at the view: nobody drags a face meanwhile
+   */
+  place(projection, frame, moving) {
     this.#projection = projection;
     this.#frame = frame;
+    this.element.toggleAttribute("hidden", moving);
     this.#draw();
   }
 
   #draw() {
     if (this.#bounds === null || this.#projection === null) return;
-    this.#wires.draw(this.#bounds, this.#projection, this.#frame);
-    FACES.forEach((face, n) => this.#placeHandle(this.#handles[n], face));
+    this.#drawEdges();
+    if (!this.element.hasAttribute("hidden")) FACES.forEach((face, n) => this.#placeHandle(this.#handles[n], face));
+  }
+
+  #drawEdges() {
+    const context = this.#canvas.begin(this.#frame.element);
+    const { color, fontSize } = this.#canvas.style;
+    context.strokeStyle = color;
+    context.lineWidth = LINE * parseFloat(fontSize);
+    for (const { ends, behind } of edgesOf(this.#bounds, this.#projection, this.#frame)) {
+      context.globalAlpha = behind ? STRENGTHS.behind : STRENGTHS.front;
+      context.beginPath();
+      context.moveTo(...ends[0]);
+      context.lineTo(...ends[1]);
+      context.stroke();
+    }
   }
 
   #placeHandle(handle, face) {
@@ -125,26 +154,19 @@ export class BoundsBox {
   }
 }
 
-/** The twelve edges of a box of voxels. */
-export class Wires {
-  /** @param {string} name its class */
-  constructor(name) {
-    this.edges = EDGES.map(() => svg("line"));
-    this.element = svg("g", { class: name }, this.edges);
-  }
-
-  /** @param {Bounds} bounds @param {Projection} projection @param {Frame} frame */
-  draw({ low, high }, projection, frame) {
-    EDGES.forEach(({ ends, faces }, n) => {
-      const [from, to] = ends.map((corner) => {
-        const index = corner.map((end, axis) => (end === "low" ? low[axis] : high[axis]) - 0.5);
-        const [x, y] = projection.at(/** @type {Vector} */ (index));
-        return frame.toElement([x, y]);
-      });
-      drawLine(this.edges[n], from, to);
-      this.edges[n].classList.toggle("vs-behind", !faces.some((face) => facesViewer(face, projection)));
-    });
-  }
+/**
+ * The twelve edges of a box of voxels, in CSS pixels of the element, and whether the box hides them.
+ * @param {Bounds} bounds @param {Projection} projection @param {Frame} frame @returns {{ends: Point[], behind: boolean}[]}
+ */
+export function edgesOf({ low, high }, projection, frame) {
+  return EDGES.map(({ ends, faces }) => ({
+    ends: ends.map((corner) => {
+      const index = corner.map((end, axis) => (end === "low" ? low[axis] : high[axis]) - 0.5);
+      const [x, y] = projection.at(/** @type {Vector} */ (index));
+      return frame.toElement([x, y]);
+    }),
+    behind: !faces.some((face) => facesViewer(face, projection)),
+  }));
 }
 
 /** The bounds with one face moved. @param {Bounds} began @param {Face} face @param {number} voxels @param {number[]} dims */

@@ -1,10 +1,10 @@
 // All that is drawn over the picture of one volume: bounds, cube, scale, the value under the pointer.
 
-import { BoundsBox, Wires } from "./bounds_box.js";
+import { BoundsBox, edgesOf } from "./bounds_box.js";
 import { Grid, Projection } from "./camera.js";
 import { OrientationCube } from "./orientation_cube.js";
 import { ScaleBars } from "./scale_bar.js";
-import { svg } from "./svg.js";
+import { drawLine, svg } from "./svg.js";
 import { ValueReadout } from "./value_readout.js";
 
 /** @typedef {import("./bounds_box.js").Bounds} Bounds */
@@ -12,6 +12,7 @@ import { ValueReadout } from "./value_readout.js";
 
 export class Marks {
   #measuring;
+  #closing = new AbortController();
   #measured = svg("g", { class: "vs-measured-lines" });
   #pointed; // where slices cross
   /** The voxel where slices cross, if there are any. @type {import("./rotation.js").Vector | null} */
@@ -28,11 +29,12 @@ export class Marks {
    */
   constructor(volume, { moveBounds, probe, lookFrom, measuring }) {
     this.grid = new Grid(volume);
-    this.box = new BoundsBox(this.grid, moveBounds);
+    const { signal } = this.#closing;
+    this.box = new BoundsBox(this.grid, moveBounds, signal);
     this.value = new ValueReadout(volume, probe);
-    this.cube = new OrientationCube(volume.sides, lookFrom);
+    this.cube = new OrientationCube(volume.sides, lookFrom, signal);
     this.scale = new ScaleBars(volume);
-    this.missing = svg("g"); // boxes of what no server holds any more
+    this.missing = svg("g", { class: "vs-missing" }); // boxes of what no server holds any more
     this.undrawn = svg("g", { class: "vs-undrawn" }); // parts of the picture that a splat server was lost with
     this.#pointed = svg("g", { class: "vs-point" }, [svg("circle", { r: "5" }), svg("path", { d: "M-11 0h8M3 0h8M0 -11v8M0 3v8" })]);
     this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.undrawn, this.#pointed, this.#measured, this.box.element]);
@@ -40,18 +42,23 @@ export class Marks {
     const corner = document.createElement("div");
     corner.className = "vs-corner";
     corner.append(measuring.element, this.value.element, this.scale.element);
-    this.elements = [this.overlay, corner, this.cube.element];
+    this.elements = [this.box.edges, this.overlay, corner, this.cube.element];
   }
 
   remove() {
+    this.#closing.abort();
     this.value.clear();
     for (const element of this.elements) element.remove();
   }
 
-  /** Put them where a picture has them. @param {import("./viewport_messages.d.ts").PictureHeader} picture @param {import("./frame.js").Frame} frame */
-  place(picture, frame) {
+  /**
+   * Put them where a picture has them.
+   * @param {import("./viewport_messages.d.ts").PictureHeader} picture @param {import("./frame.js").Frame} frame
+   * @param {boolean} moving whether a hand is at the view
+   */
+  place(picture, frame, moving) {
     const projection = new Projection(picture.view, this.grid, picture);
-    this.box.place(projection, frame);
+    this.box.place(projection, frame, moving);
     this.cube.draw(picture.view.rotation);
     this.scale.draw(picture.view.zoom * frame.scale, frame.element.width, projection);
     const at = (/** @type {import("./rotation.js").Vector} */ point) =>
@@ -63,10 +70,10 @@ export class Marks {
       this.#pointed.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
     }
     this.missing.replaceChildren(
-      ...picture.missing.map(([low, high]) => {
-        const wires = new Wires("vs-missing");
-        wires.draw({ low, high }, projection, frame);
-        return wires.element;
+      ...picture.missing.flatMap(([low, high]) => edgesOf({ low, high }, projection, frame)).map(({ ends: [from, to] }) => {
+        const line = svg("line");
+        drawLine(line, from, to);
+        return line;
       }),
     );
     this.undrawn.replaceChildren(

@@ -1,7 +1,8 @@
 // A small cube that stands as the volume stands; a click on a face looks at it straight.
 
+import { onTheme } from "../browser/theme.js";
+import { MarkCanvas } from "./mark_canvas.js";
 import { applied, cross, dot, matrixOf } from "./rotation.js";
-import { svg } from "./svg.js";
 
 /** @typedef {import("./rotation.js").Vector} Vector */
 
@@ -15,43 +16,136 @@ const SIDES = /** @type {{view: string, normal: Vector, up: Vector}[]} */ ([
   { view: "bottom", normal: [0, 0, -1], up: [0, -1, 0] },
 ]);
 
+const HALF = 1 / 3.6; // of a side, as a share of the room for all of the cube, however it stands
+const ROUNDED = 0.12; // corners, in halves of a side
+const LINE = 0.05;
+const LIGHT = /** @type {Vector} */ ([-0.3, 0.5, 0.81]);
+const DARKEST = 0.25; // share of the text's colour in that of a side
 const LARGEST_LETTERS = 1.05; // in halves of a side
 const WIDEST = 2.7; // letters of such a size on a side, one beside the other
+const EDGE_ON = 0.02; // towards the viewer, below which a side is not seen
 const TIE = 1e-6; // what is no nearer upright than by this is as near: rounding decides nothing
 
-export class OrientationCube {
-  #sides;
+/**
+ * @typedef {Object} Standing a side that faces the viewer, in CSS pixels of the cube's room
+ * @property {string} view that looks at it straight
+ * @property {[number, number, number, number, number, number]} matrix from the side, its letter upright and the middle at 0, to the room
+ * @property {number} shade 0..1, how dark it is
+ */
 
-  /** @param {Record<string, string>} letters by view @param {(view: string) => void} lookFrom one of AXIS_VIEWS */
-  constructor(letters, lookFrom) {
-    this.#sides = SIDES.map((side) => {
-      const label = svg("text", { class: "vs-letter" });
-      label.textContent = letters[side.view];
-      label.style.fontSize = `${Math.min(LARGEST_LETTERS, WIDEST / letters[side.view].length)}px`;
-      const title = svg("title");
-      title.textContent = `look from the ${side.view}`;
-      const square = svg("rect", { x: "-1", y: "-1", width: "2", height: "2", rx: "0.12" });
-      const element = svg("g", { class: "vs-side", "data-view": side.view }, [title, square, label]);
-      element.addEventListener("click", () => lookFrom(side.view));
-      return { ...side, element };
+/**
+ * The sides that are seen.
+ * @param {import("./rotation.js").Quaternion} rotation of the view @param {number} room CSS pixels each way @returns {Standing[]}
+ */
+export function standing(rotation, room) {
+  const toScreen = matrixOf(rotation);
+  const [middle, half] = [room / 2, room * HALF];
+  return SIDES.flatMap(({ view, normal, up }) => {
+    const n = applied(toScreen, normal);
+    if (n[2] <= EDGE_ON) return [];
+    const u = nearestUpright(applied(toScreen, up), n);
+    const r = cross(u, n);
+    const matrix = /** @type {Standing["matrix"]} */ ([r[0], -r[1], -u[0], u[1], middle + n[0] * half, middle - n[1] * half]);
+    return [{ view, matrix, shade: DARKEST * (1 - Math.max(0, dot(n, LIGHT))) }];
+  });
+}
+
+export class OrientationCube {
+  #canvas = new MarkCanvas("vs-cube");
+  #letters;
+  #rotation = /** @type {import("./rotation.js").Quaternion | null} */ (null);
+  #room = 0; // CSS pixels
+  #pointer = /** @type {{x: number, y: number} | null} */ (null); // in the room, if it is there
+  #over = /** @type {string | undefined} */ (undefined); // the view of the side under it
+
+  /**
+   * @param {Record<string, string>} letters by view @param {(view: string) => void} lookFrom one of AXIS_VIEWS
+   * @param {AbortSignal} signal its end
+   */
+  constructor(letters, lookFrom, signal) {
+    this.#letters = letters;
+    const { element } = this;
+    element.setAttribute("aria-hidden", "true"); // the panel of the view has all of it in words
+    element.addEventListener("pointermove", (event) => this.#point({ x: event.offsetX, y: event.offsetY }));
+    element.addEventListener("pointerleave", () => this.#point(null));
+    element.addEventListener("click", (event) => {
+      this.#point({ x: event.offsetX, y: event.offsetY }); // a finger has not moved
+      if (this.#over !== undefined) lookFrom(this.#over);
     });
-    const faces = this.#sides.map(({ element }) => element);
-    this.element = svg("svg", { class: "vs-cube", viewBox: "-1.8 -1.8 3.6 3.6" }, faces);
+    const resized = new ResizeObserver(([{ contentRect }]) => {
+      this.#room = contentRect.width;
+      this.#draw();
+    });
+    resized.observe(element);
+    signal.addEventListener("abort", () => resized.disconnect());
+    onTheme(() => this.#draw(), signal);
+  }
+
+  get element() {
+    return this.#canvas.element;
   }
 
   /** @param {import("./rotation.js").Quaternion} rotation of the view */
   draw(rotation) {
-    const toScreen = matrixOf(rotation);
-    const light = /** @type {Vector} */ ([-0.3, 0.5, 0.81]);
-    for (const { normal, up, element } of this.#sides) {
-      const n = applied(toScreen, normal);
-      const u = nearestUpright(applied(toScreen, up), n);
-      const r = cross(u, n);
-      element.toggleAttribute("hidden", n[2] <= 0.02);
-      const columns = [r[0], -r[1], -u[0], u[1], n[0], -n[1]].map((part) => part.toFixed(4));
-      element.setAttribute("transform", `matrix(${columns.join(" ")})`);
-      element.style.setProperty("--vs-shade", (0.25 * (1 - Math.max(0, dot(n, light)))).toFixed(3));
+    this.#rotation = rotation;
+    this.#draw();
+  }
+
+  #draw() {
+    if (this.#rotation === null || this.#room === 0) return;
+    this.#mark(this.#pointed());
+    const context = this.#canvas.begin({ width: this.#room, height: this.#room });
+    const style = this.#canvas.style;
+    const colour = (/** @type {string} */ name) => style.getPropertyValue(name).trim();
+    const half = this.#room * HALF;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.lineWidth = LINE * half;
+    context.strokeStyle = colour("--vs-line");
+    for (const { view, matrix, shade } of standing(this.#rotation, this.#room)) {
+      context.save();
+      context.transform(...matrix);
+      context.beginPath();
+      context.roundRect(-half, -half, 2 * half, 2 * half, ROUNDED * half);
+      const isOver = view === this.#over;
+      context.fillStyle = colour(isOver ? "--vs-accent" : "--vs-panel");
+      context.fill();
+      context.fillStyle = colour("--vs-text");
+      context.globalAlpha = isOver ? 0 : shade;
+      context.fill();
+      context.globalAlpha = 1;
+      context.stroke();
+      const letters = this.#letters[view];
+      context.font = `600 ${half * Math.min(LARGEST_LETTERS, WIDEST / letters.length)}px ${style.fontFamily}`;
+      context.fillStyle = colour(isOver ? "--vs-panel" : "--vs-text");
+      context.fillText(letters, 0, 0);
+      context.restore();
     }
+  }
+
+  /** @param {{x: number, y: number} | null} at */
+  #point(at) {
+    this.#pointer = at;
+    if (this.#pointed() !== this.#over) this.#draw();
+  }
+
+  /** The view of the side under the pointer. */
+  #pointed() {
+    if (this.#pointer === null || this.#rotation === null) return undefined;
+    const at = this.#pointer;
+    const half = this.#room * HALF;
+    return standing(this.#rotation, this.#room).find(({ matrix }) => {
+      const { x, y } = new DOMMatrix(matrix).inverse().transformPoint(at);
+      return Math.max(Math.abs(x), Math.abs(y)) <= half;
+    })?.view;
+  }
+
+  /** Tell what a click would do. @param {string | undefined} view */
+  #mark(view) {
+    if (view === this.#over) return;
+    this.#over = view;
+    this.element.title = view === undefined ? "" : `look from the ${view} (${this.#letters[view]})`;
+    this.element.classList.toggle("vs-over", view !== undefined);
   }
 }
 

@@ -31,6 +31,11 @@ export class Steering {
     return this.#held || this.#settling !== 0 || this.#inertia.turning;
   }
 
+  /** Whether the view is under way to where it will rest. */
+  get moving() {
+    return !this.#settled;
+  }
+
   /** The scene as others have left it. @param {View} view @param {Size} size */
   follow(view, size) {
     this.view = view;

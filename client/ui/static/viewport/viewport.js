@@ -87,7 +87,7 @@ export class Viewport {
      *   shownAt: number}[]}
      */
     this.log = [];
-    this.steering = new Steering((view, settled, at) => this.#outbox.post({ type: "view", ...view, settled }, at));
+    this.steering = new Steering((view, settled, at) => this.#onSteered(view, settled, at));
     this.actions = new ViewActions(this, home);
     this.measuring = new Measuring(() => this.#drawMeasured());
     this.#outbox = new Outbox((message) => transport.send(message));
@@ -331,6 +331,12 @@ export class Viewport {
 
   // -- the rest
 
+  /** @param {View & Size} view @param {boolean} settled @param {number} at */
+  #onSteered(view, settled, at) {
+    this.#outbox.post({ type: "view", ...view, settled }, at);
+    if (settled) this.#place(); // with all marks again
+  }
+
   #onKey(event) {
     if (!this.ready || !isFree(event, this.element) || !obeyKey(event, this)) return;
     event.preventDefault();
@@ -358,7 +364,7 @@ export class Viewport {
   /** Put the marks where the picture on the screen has them. */
   #place() {
     if (this.#picture === null || this.#marks === null) return;
-    this.#marks.place(this.#picture, this.#frame());
+    this.#marks.place(this.#picture, this.#frame(), this.steering.moving);
   }
 
   #frame() {
@@ -396,6 +402,7 @@ export class Viewport {
 
   #makeCanvas() {
     const canvas = document.createElement("canvas");
+    canvas.className = "vs-picture";
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", LABEL);
