@@ -9,6 +9,7 @@ from volsplat.client.figure.svg_file import svg_of
 from volsplat.client.image.phase_wheel import wheel_colours
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.viewing.scene_model import but_for_view
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
@@ -27,6 +28,7 @@ class ColourBar:
         ui.add_css(_STYLE)
         self._volume = viewing.volume
         self._shown, self._width = NONE, WIDTH
+        self._followed: Scene | None = None  # but for its view, which moves most and has no colours
         with ui.element("div").classes("vs-colours"):
             ui.element("q-resize-observer").on("resize", self._resize, ["width"])
             bar = ui.html("", sanitize=False)
@@ -34,6 +36,10 @@ class ColourBar:
         SceneEditor(viewing.model, viewing.volume.description.geometry, "colours").follow(self._follow)
 
     def _follow(self, scene: Scene) -> None:
+        coloured = but_for_view(scene)
+        if coloured == self._followed:
+            return
+        self._followed = coloured
         bars = self._bars(scene)
         if bars == self._shown:
             return

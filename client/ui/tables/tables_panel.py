@@ -30,7 +30,7 @@ from volsplat.client.ui.tables.table_edits import (
 )
 from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
 from volsplat.client.ui.tables.table_shift import TableShift, by_density
-from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
+from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState, but_for_view
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Tables
@@ -60,6 +60,7 @@ class TablesPanel:
         self._presets = OfferedPresets(volume, default_scene)
         self._table_shift = TableShift()
         self._fields = IndexedFields(volume)
+        self._followed: Scene | None = None  # but for its view, which moves most and which no table shows
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
             self._editors = {which: self._build_table(which) for which in TABLE_WORDS}
@@ -226,6 +227,10 @@ class TablesPanel:
     # -- following the scene
 
     def _follow(self, state: SceneState) -> None:
+        tabled = but_for_view(state.scene)
+        if tabled == self._followed and not state.settled:
+            return
+        self._followed = tabled
         for which, editor in self._editors.items():
             table = table_of(state.scene, which)
             # What a person drags here is on the screen already; what becomes of it is told when it is settled.

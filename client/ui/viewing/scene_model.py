@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import msgspec
+
 from volsplat.client.scene.resized import sized
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import Image, Scene, View
 
 MOST_UNDONE = 200  # changes that can be taken back
 
@@ -136,6 +138,11 @@ class SceneModel:
         self._state = SceneState(scene, self._state.revision + 1, settled, by, events)
         for subscriber in list(self._subscribers):
             subscriber(self._state)
+
+
+def but_for_view(scene: Scene) -> Scene:
+    """What is shown, from wherever and however large: the same for all scenes that turning one makes."""
+    return msgspec.structs.replace(scene, view=View(), image=Image())
 
 
 def _in_size_of(shown: Scene, scene: Scene) -> Scene:
