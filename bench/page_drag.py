@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import bisect
 import math
 import statistics
-import time
 from collections import Counter
+from collections.abc import Callable, Coroutine, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,7 +16,7 @@ from volsplat.bench.ssim import luminance, ssim
 from volsplat.protocol.text.errors import VolsplatError
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.async_api import Page
     from torch import Tensor
 
 MOVES_PER_SECOND = 60
@@ -128,76 +129,85 @@ class Drag:
         return statistics.median(late[-third:]) - statistics.median(late[:third])
 
 
-def started(tab: Page, address: str, began: float) -> Start:
+async def started(tab: Page, address: str, began: float) -> Start:
     """How long it took from `began`, by time.time(), to the first pictures of the page at the address, now loaded."""
     painted: list[float] = []
-    tab.expose_function("volsplatPainted", lambda at: painted.append(at))
-    tab.add_init_script(_PAINTED)
-    tab.goto(address)
-    tab.wait_for_function(_STREAMED, timeout=PAGE_WAIT)
-    streamed = tab.evaluate(_STARTED)
+    await tab.expose_function("volsplatPainted", lambda at: painted.append(at))
+    await tab.add_init_script(_PAINTED)
+    await tab.goto(address)
+    await tab.wait_for_function(_STREAMED, timeout=PAGE_WAIT)
+    streamed = await tab.evaluate(_STARTED)
     return Start(min([*painted, streamed]) / 1e3 - began, streamed / 1e3 - began)
 
 
-def show_in(tab: Page, side: int) -> None:
+async def show_in(tab: Page, side: int) -> None:
     """Have the volume refined to the end in a picture of `side` pixels each way, by the size of the window."""
-    tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
-    while (size := tab.evaluate(_CANVAS)) != [side, side]:  # what stands around the picture may still grow
+    await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
+    while (size := await tab.evaluate(_CANVAS)) != [side, side]:  # what stands around the picture may still grow
         window = tab.viewport_size
         assert window is not None
-        tab.set_viewport_size({"width": window["width"] + side - size[0], "height": window["height"] + side - size[1]})
-        tab.wait_for_function(f"(old) => ({_CANVAS})().join() !== old.join()", arg=size, timeout=PAGE_WAIT)
-        tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
+        await tab.set_viewport_size(
+            {"width": window["width"] + side - size[0], "height": window["height"] + side - size[1]}
+        )
+        await tab.wait_for_function(f"(old) => ({_CANVAS})().join() !== old.join()", arg=size, timeout=PAGE_WAIT)
+        await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
 
 
-def dragged(tab: Page, moves: int) -> Drag:
+async def dragged(tab: Page, moves: int) -> Drag:
     """Turn the volume with the pointer, evenly, and read what the page noted.
 
     Raises VolsplatError if what was pressed did something else.
     """
-    box = tab.locator(".vs-view canvas").first.bounding_box()
+    box = await tab.locator(".vs-picture").bounding_box()
     assert box is not None
     middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
-    begin = _bare_place(tab, middle_x, middle_y, radius)
+    begin = await _bare_place(tab, middle_x, middle_y, radius)
 
-    def move(n: int) -> None:
+    async def move(n: int) -> None:
         angle = begin + 2 * math.pi * n / MOVES_OF_A_ROUND
-        tab.mouse.move(middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle))
+        await tab.mouse.move(middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle))
 
-    rotation = tab.evaluate(_ROTATION)
-    move(0)
-    tab.mouse.down()
-    move(1)
-    if tab.evaluate(_ROTATION) == rotation:
+    rotation = await tab.evaluate(_ROTATION)
+    await move(0)
+    await tab.mouse.down()
+    await move(1)
+    if await tab.evaluate(_ROTATION) == rotation:
         raise VolsplatError("the pointer that was to turn the volume did not turn it")
-    tab.evaluate(_FORGET)
-    due = time.perf_counter()
-    for n in range(2, moves + 2):
-        move(n)
-        due += 1 / MOVES_PER_SECOND
-        time.sleep(max(0.0, due - time.perf_counter()))
-    tab.wait_for_function(_CAUGHT_UP, timeout=PAGE_WAIT)
-    noted = tab.evaluate(_NOTES)
-    moving = _seen(tab)
-    tab.mouse.up()
-    tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
-    likeness = ssim(moving, _seen(tab))
+    await tab.evaluate(_FORGET)
+    await _evenly(move, range(2, moves + 2))
+    await tab.wait_for_function(_CAUGHT_UP, timeout=PAGE_WAIT)
+    noted = await tab.evaluate(_NOTES)
+    moving = await _seen(tab)
+    await tab.mouse.up()
+    await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
+    likeness = ssim(moving, await _seen(tab))
     return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
 
 
-def _seen(tab: Page) -> Tensor:
+async def _evenly(move: Callable[[int], Coroutine[None, None, None]], places: Iterable[int]) -> None:
+    """As a hand moves, which does not wait for the page: Chromium tells of a move only once its frame is drawn."""
+    loop = asyncio.get_running_loop()
+    due, moved = loop.time(), []
+    for n in places:
+        moved.append(asyncio.create_task(move(n)))
+        due += 1 / MOVES_PER_SECOND
+        await asyncio.sleep(max(0.0, due - loop.time()))
+    await asyncio.gather(*moved)
+
+
+async def _seen(tab: Page) -> Tensor:
     """The luminance of what is on the canvas, (H, W) 0..1, as large as it is shown."""
     import torch
 
-    width, height, text = tab.evaluate(_SEEN)
+    width, height, text = await tab.evaluate(_SEEN)
     colours = torch.frombuffer(bytearray(base64.b64decode(text)), dtype=torch.uint8).reshape(height, width, 4)
     return luminance(colours.double() / 255.0)
 
 
-def _bare_place(tab: Page, x: float, y: float, radius: float) -> float:
+async def _bare_place(tab: Page, x: float, y: float, radius: float) -> float:
     """The angle of a place on the circle that is farthest from handles and all else that lies over the picture."""
-    tab.mouse.move(x, y)  # the handles are there only under a pointer
-    bare: list[float] = tab.evaluate(_BARE, [x, y, radius, PLACES])
+    await tab.mouse.move(x, y)  # the handles are there only under a pointer
+    bare: list[float] = await tab.evaluate(_BARE, [x, y, radius, PLACES])
     if not bare:
         raise VolsplatError("no place of the picture is bare")
     runs = [[bare[0]]]

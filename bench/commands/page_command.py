@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 import re
@@ -10,8 +11,8 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, nullcontext
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory
@@ -32,7 +33,7 @@ from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.async_api import Page
 
 # As root it has no sandbox; and without a graphics card, drawing by the plain rasteriser takes half of the time.
 BROWSERS = "chromium", "google-chrome", "chromium-headless-shell"
@@ -63,17 +64,26 @@ def page(workers: int, moves: int, link: str | None, **settings: Any) -> None:
     line = _link(link) if link else None
     subject = Subject.of(settings)
     with SideConsole().status("starting") as status, volume_file(subject, status.update) as path:
-        with _tab() as tab, _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
-            start = started(tab, reached, began)
-            show_in(tab, IMAGE)
-            status.update("dragging, to warm up")
-            dragged(tab, WARM_UP_MOVES)
-            status.update(f"dragging, {moves} moves")
-            drag = dragged(tab, moves)
-            likenesses = [drag.likeness, *(dragged(tab, SHORT_MOVES).likeness for _ in range(MORE_ENDS))]
+        start, drag, likenesses = asyncio.run(_measured(path, workers, moves, line, status.update))
     through = f", through {link.replace(',', ' Mbit/s, ')} ms" if link else ""
     title = f"{workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves{through}"
     report(start, drag, likenesses, title, outputs)
+
+
+async def _measured(
+    path: str, workers: int, moves: int, line: tuple[float, float] | None, tell: Callable[[str], None]
+) -> tuple[Start, Drag, list[float]]:
+    """The start, the drag that is timed, and the likeness at the end of it and of some more."""
+    async with _tab() as tab:
+        with _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
+            start = await started(tab, reached, began)
+            await show_in(tab, IMAGE)
+            tell("dragging, to warm up")
+            await dragged(tab, WARM_UP_MOVES)
+            tell(f"dragging, {moves} moves")
+            drag = await dragged(tab, moves)
+            more = [await dragged(tab, SHORT_MOVES) for _ in range(MORE_ENDS)]
+    return start, drag, [drag.likeness, *(short.likeness for short in more)]
 
 
 def report(start: Start, drag: Drag, likenesses: Sequence[float], title: str, outputs: Outputs) -> None:
@@ -135,18 +145,18 @@ def _address(process: subprocess.Popen[str], opened: Path) -> str:
     return found[0]
 
 
-@contextmanager
-def _tab() -> Iterator[Page]:
+@asynccontextmanager
+async def _tab() -> AsyncIterator[Page]:
     """An empty tab."""
-    from playwright.sync_api import sync_playwright
+    from playwright.async_api import async_playwright
 
     chromium = next(filter(None, map(shutil.which, BROWSERS)), None)
     if chromium is None:
         raise BadInput("this benchmark needs Chromium: apt install chromium")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
-        yield browser.new_page(viewport={"width": 1280, "height": 800})
-        browser.close()
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
+        yield await browser.new_page(viewport={"width": 1280, "height": 800})
+        await browser.close()
 
 
 @contextmanager

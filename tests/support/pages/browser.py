@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 _POLICY = "Content Security Policy"
 # Code that runs a few times is not worth what it costs to compile it well.
-_ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--js-flags=--no-opt --no-maglev")
-_WINDOW: ViewportSize = {"width": 1280, "height": 800}
+ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--js-flags=--no-opt --no-maglev")
+WINDOW: ViewportSize = {"width": 1280, "height": 800}
 _NOWHERE = (-1, -1)  # beside the page, where the pointer is before it is moved
 _GONE = 500  # milliseconds, within which what is closed mostly is; who takes longer is only loaded anew
 _HELD_KEYS = ("Control", "Shift", "Alt")
@@ -64,7 +64,7 @@ class Chromium:
         self.show()
         try:
             if self._launched is None or not self._launched.is_connected():
-                self._launched = self._kinds.launch(executable_path=self._executable, args=_ARGUMENTS)
+                self._launched = self._kinds.launch(executable_path=self._executable, args=ARGUMENTS)
                 self._lasting.clear()
             yield self._launched
         finally:
@@ -73,7 +73,7 @@ class Chromium:
     def lasting_context(self, lent: Browser, url: str) -> BrowserContext:
         """One for tests of several modules, for as long as the browser lasts that was lent them."""
         if url not in self._lasting:
-            self._lasting[url] = _patient(lent, viewport=_WINDOW)
+            self._lasting[url] = _patient(lent, viewport=WINDOW)
         return self._lasting[url]
 
     def close(self) -> None:
@@ -88,13 +88,19 @@ class Chromium:
         asyncio._set_running_loop(None)
 
 
+def chromium_executable() -> str:
+    """Where Chromium lies; without one the test is skipped."""
+    executable = shutil.which("chromium-headless-shell") or shutil.which("chromium")
+    if executable is None:
+        pytest.skip("the browser tests need Chromium: apt install chromium-headless-shell, or chromium")
+    return executable
+
+
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Chromium]:
     """One for all tests of a process: to start Playwright and a browser takes as much as to load a page."""
     playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright (extra dev)")
-    executable = shutil.which("chromium-headless-shell") or shutil.which("chromium")
-    if executable is None:
-        pytest.skip("the browser tests need Chromium: apt install chromium-headless-shell, or chromium")
+    executable = chromium_executable()
     playwright.expect.set_options(timeout=1000 * PATIENCE)
     with playwright.sync_playwright() as running:
         started = Chromium(executable, running.chromium)
@@ -108,7 +114,7 @@ def browser(chromium: Chromium) -> Iterator[Browser]:
     once. It is emptied after each module, and its tab closed: Playwright never forgets what to do with WebSockets.
     """
     with chromium.lent() as lent:
-        context = lent.contexts[0] if lent.contexts else _patient(lent, viewport=_WINDOW)
+        context = lent.contexts[0] if lent.contexts else _patient(lent, viewport=WINDOW)
         yield lent
         _forget(context, _origins(context))
         close_tab(_tab(context))
@@ -185,7 +191,7 @@ class KeptPage:
 
 @pytest.fixture(scope="module")
 def kept_page(browser: Browser) -> Iterator[KeptPage]:
-    with patient_context(browser, viewport=_WINDOW) as context:
+    with patient_context(browser, viewport=WINDOW) as context:
         yield KeptPage(context)
 
 
@@ -193,8 +199,9 @@ def kept_page(browser: Browser) -> Iterator[KeptPage]:
 _LOOK = """() => {
     const all = [...document.querySelectorAll("body *")];
     for (const part of all) if (part.scrollTop !== 0) part.scrollTop = 0;
-    const ofScenes = ".vs-step, .vs-foot, .vs-overlay, .vs-corner, .vs-cube, [aria-label=undo], [aria-label=redo]";
-    const changing = `${ofScenes}, .q-ripple, .q-loading-bar`;
+    const marks = ".vs-edges, .vs-overlay, .vs-corner, .vs-cube";
+    const ofScenes = ".vs-step, .vs-foot, [aria-label=undo], [aria-label=redo]";
+    const changing = `${marks}, ${ofScenes}, .q-ripple, .q-loading-bar`;
     const seen = all.filter((part) => part.checkVisibility() && !part.closest(changing)).map((part) => {
         const { x, y, width, height } = part.getBoundingClientRect();
         const states = [part.ariaExpanded, part.ariaPressed, part.ariaChecked, part.ariaValueNow];
@@ -298,7 +305,7 @@ def _empty(page: Page) -> None:
         close_tab(page)
         return
     _let_go(page)
-    page.set_viewport_size(_WINDOW)
+    page.set_viewport_size(WINDOW)
 
 
 def close_tab(page: Page) -> None:
