@@ -2,6 +2,8 @@
 
 /** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
 
+const PNG = 0x89; // its first byte
+
 export class PictureCanvas {
   #context;
   #newest = 0; // number of the newest picture that is drawn
@@ -38,11 +40,11 @@ export class PictureCanvas {
   async show(header, bytes) {
     const connection = this.#connection;
     if (header.number > this.#newest) {
-      const bitmap = await decoded(bytes).catch(() => null);
+      const image = await decoded(bytes).catch(() => null);
       if (connection !== this.#connection) return;
-      if (bitmap === null) this.tell(`Picture ${header.number} arrived damaged; ${cureOf(header)}.`);
-      else if (header.number > this.#newest) this.#draw(header, bitmap);
-      bitmap?.close();
+      if (image === null) this.tell(`Picture ${header.number} arrived damaged; ${cureOf(header)}.`);
+      else if (header.number > this.#newest) this.#draw(header, image);
+      image?.close();
     }
     this.acknowledge(header.number);
   }
@@ -64,13 +66,14 @@ export class PictureCanvas {
     }
   }
 
-  #draw(header, bitmap) {
-    this.#newest = header.number;
-    if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
-      this.canvas.width = bitmap.width; // clears it, and is drawn over before anybody sees that
-      this.canvas.height = bitmap.height;
+  /** @param {PictureHeader} header @param {ImageBitmap | VideoFrame} image */
+  #draw(header, image) {
+    const { number, width, height } = header;
+    this.#newest = number;
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      Object.assign(this.canvas, { width, height }); // clears it, and is drawn over before anybody sees that
     }
-    this.#context.drawImage(bitmap, 0, 0);
+    this.#context.drawImage(image, 0, 0);
     this.drawn(header);
   }
 }
@@ -78,7 +81,16 @@ export class PictureCanvas {
 /** @param {PictureHeader} header */
 const cureOf = ({ last }) => (last ? "move the view to have it drawn again" : "a newer one will replace it");
 
-/** @param {Uint8Array<any>} bytes */
-function decoded(bytes) {
-  return createImageBitmap(new Blob([bytes]), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+/** A picture that can be drawn; a Blob would go through the browser's own process first, some 7 ms. @param {Uint8Array<any>} bytes */
+async function decoded(bytes) {
+  if (!("ImageDecoder" in window)) {
+    return createImageBitmap(new Blob([bytes]), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  }
+  const type = bytes[0] === PNG ? "image/png" : "image/jpeg";
+  const decoder = new ImageDecoder({ data: bytes, type, colorSpaceConversion: "none" });
+  try {
+    return (await decoder.decode()).image;
+  } finally {
+    decoder.close();
+  }
 }
