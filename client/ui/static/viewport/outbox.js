@@ -1,7 +1,7 @@
 // What a viewport says of its person's doings: at once, but no more than one message of a kind in some milliseconds, the newest.
 
 const MOST_REMEMBERED = 4096;
-const APART = 14; // milliseconds: pictures cannot follow more closely. Animation frames would have the browser draw each
+const APART = 8; // milliseconds: a mouse tells 60 to 125 moves a second, and what waits here comes late
 
 /** @typedef {import("./viewport_messages.d.ts").ViewTurned} ViewTurned */
 /** @typedef {import("./viewport_messages.d.ts").BoundsMoved} BoundsMoved */
