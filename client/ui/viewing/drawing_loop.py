@@ -272,8 +272,8 @@ class DrawingLoop:
         began = time.perf_counter()
         if self._is_watched():
             _ = picture.data  # encoded here, so that the page's thread need not
+        encoding_seconds = 0.0 if picture.last else time.perf_counter() - began  # what moves is never sent as PNG
         if refinement.outcome is not None and drawn is not None:
-            encoding_seconds = time.perf_counter() - began
             self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         if refinement.complete:
             self._shown = picture
