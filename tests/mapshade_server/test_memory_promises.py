@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,14 +23,19 @@ from pathlib import Path
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget
 from volsplat.mapshade_server.held.memory_promises import MemoryPromises
 budget, taken = MemoryBudget(promises=MemoryPromises(Path(sys.argv[1]))), []
+start = threading.Thread.start
+def no_thread(_):
+    raise RuntimeError("can't start new thread")
 for line in sys.stdin:
-    what, amount = line.split()
+    what, amount = line.rsplit(maxsplit=1)
     if what == "promises":
         budget.take(int(amount), 0, 0)
     elif what == "takes":
         taken.append(b"1" * int(amount))
     elif what == "settles":
         budget.taken()
+    elif what == "has threads":
+        threading.Thread.start = start if int(amount) else no_thread
     else:
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     print("done", flush=True)
@@ -128,17 +132,16 @@ def test_a_file_of_somebody_else_s_is_left_alone(tmp_path: Path) -> None:
     assert not (tmp_path / "elsewhere").exists() and promised(mine) == 0
 
 
-def test_a_promise_is_made_where_no_thread_can_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_promise_is_made_where_no_thread_can_be_had(tmp_path: Path) -> None:
     """The thread that makes promises smaller is begun with the next one instead."""
-
-    def no_thread(_: threading.Thread) -> None:
-        raise RuntimeError("can't start new thread")
-
-    promises = MemoryPromises(tmp_path)
-    with monkeypatch.context() as short:
-        short.setattr(threading.Thread, "start", no_thread)
-        promises.claim(MIB, lambda _: None)
-    before = threading.active_count()
-    promises.claim(MIB, lambda _: None)
-    assert threading.active_count() == before + 1
-    promises.settle()
+    mine = MemoryPromises(tmp_path)
+    with another(tmp_path) as server:
+        server.does("has threads", 0)
+        server.does("promises", 100 * MIB)
+        server.does("takes", 90 * MIB)
+        assert 90 * MIB < promised(mine) <= 100 * MIB
+        server.does("has threads", 1)
+        server.does("promises", 50 * MIB)
+        assert 40 * MIB < promised(mine) <= 50 * MIB
+        server.does("takes", 40 * MIB)
+        wait_until(lambda: promised(mine) <= 20 * MIB, "seen to have taken it")
