@@ -64,11 +64,12 @@ class Departure:
         _wait_for_sigterm(signals)
         with self._lock:
             self._begun, client = True, self._client
-        if client is not None and client.broken:
-            _end_for(client.loss)
-        if client is not None and (client.loss or client.hung_up):  # who would have others take over is gone
-            os._exit(EXIT_TERMINATED)
         if client is not None:
+            gone = client.loss or client.hung_up  # who would have others take over
+            if client.broken:
+                _end_for(client.loss)
+            if gone:
+                os._exit(EXIT_TERMINATED)
             log.warning(
                 "told to end; while the client is heard, it has up to %g s to have others take over", LEAVE_SECONDS
             )

@@ -96,8 +96,8 @@ class Connection:
 
     @property
     def broken(self) -> bool:
-        """Whether it was closed since the other end broke the protocol."""
-        return self._broken
+        """Whether it was closed since the other end broke the protocol, which `loss` tells then."""
+        return bool(self._loss) and self._broken
 
     @property
     def may_share_memory(self) -> bool:
@@ -254,9 +254,9 @@ class Connection:
         except ConnectionClosed:
             return None
         except RemoteProtocolError as error:
-            self._broken = True
-            self.give_up(f"{self} broke the protocol: {error}")
-            raise RemoteProtocolError(f"{self} broke the protocol: {error}") from error
+            loss = f"{self} broke the protocol: {error}"
+            self._closed_for(loss, broken=True)
+            raise RemoteProtocolError(loss) from error
         except OSError as error:
             lost = self._lost(error)
             if isinstance(lost, ConnectionClosed):
@@ -412,10 +412,11 @@ class Connection:
         """Who has never said anything may be no program of ours."""
         return f"; {OWN_OUTPUT}" if self.opened or self.counters.messages_in else ""
 
-    def _closed_for(self, loss: str) -> VolsplatError:
+    def _closed_for(self, loss: str, *, broken: bool = False) -> VolsplatError:
         """Close it for this loss, and say why it is closed: whichever thread finds a loss first, both tell that one."""
         with self._gate:
-            if not self._closed:
+            if not (self._closed or self._loss):
+                self._broken = broken  # before the loss: whoever sees that knows whether it is so
                 self._loss = loss
         self.close()
         return self._why_closed()

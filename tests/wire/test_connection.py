@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import msgspec
 import pytest
@@ -744,3 +746,25 @@ def test_who_has_never_said_anything_is_not_said_to_tell_why_it_ended(resets: bo
             with pytest.raises(PeerLost, match="whoever dials is gone: ") as told:
                 connection.receive()
     assert OWN_OUTPUT not in str(told.value)
+
+
+def test_whoever_sees_a_breach_of_the_protocol_at_any_moment_sees_what_it_was() -> None:
+    near, far = socket.socketpair(socket.AF_UNIX)
+    connection, seen = Connection(near, "the client"), set[tuple[bool, str]]()
+
+    def look(_frame: FrameType, _event: str, _: object) -> Any:
+        loss = connection.loss  # first, as who decides by both does
+        seen.add((connection.broken, loss or connection.loss))
+        return look
+
+    far.sendall(bytes(16))
+    before = sys.gettrace()
+    with far, connection, pytest.raises(RemoteProtocolError, match="the client broke the protocol: magic"):
+        sys.settrace(look)
+        try:
+            connection.receive()
+        finally:
+            sys.settrace(before)
+    (told,) = {loss for broken, loss in seen if broken}
+    assert told.startswith("the client broke the protocol: magic")
+    assert {loss for broken, loss in seen if not broken} == {""}
