@@ -14,7 +14,7 @@ from volsplat.protocol.rules.levels import index_in_volume
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 
-AT_ONCE = 16  # voxels of a line: one that can be seen is often among the first
+AT_FIRST = 16  # voxels of a line that are looked at together, and then twice as many: the first are often seen
 
 
 def front_most(sub_cubes: Sequence[SubCube], drawing: Drawing, line: LineOfSight) -> ProbedVoxel | None:
@@ -37,8 +37,8 @@ def front_most(sub_cubes: Sequence[SubCube], drawing: Drawing, line: LineOfSight
 def _first_visible(cube: SubCube, fields: VoxelFields, line: LineOfSight) -> tuple[Index, int] | None:
     """Along the line the first voxel that a frame would send, with its packet."""
     plan, held = fields.drawing.plan, np.asarray(memoryview(cube.packets))
-    voxels = line.voxels(plan, cube.box)
-    while some := list(islice(voxels, AT_ONCE)):
+    voxels, together = line.voxels(plan, cube.box), AT_FIRST
+    while some := list(islice(voxels, together)):
         index = np.array(some, np.int64)
         packets = held[tuple((index - cube.box.low).T[::-1])]
         seen = fields.opacity_codes(index, packets, plan.opacity_exponents[0]) > 0
@@ -46,4 +46,5 @@ def _first_visible(cube: SubCube, fields: VoxelFields, line: LineOfSight) -> tup
         if seen.any():
             first = int(seen.argmax())
             return some[first], int(packets[first])
+        together *= 2
     return None

@@ -1,5 +1,6 @@
 """What is seen at a point of the image: the front-most voxel that a frame would send from there."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.answers.probe import front_most
+from volsplat.mapshade_server.frames.shading_tables import opacity_codes
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Bounds, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, Index
@@ -101,6 +103,21 @@ def under(positions: Tensor, point: Tensor, plan: FramePlan, line: LineOfSight) 
     in_pixel = (pixels.abs() <= HALF).all(dim=1) & (cells.abs() <= MOST_ASIDE).all(dim=1)
     found: Tensor = in_cell | in_pixel
     return found
+
+
+def test_whatever_is_looked_through_tables_are_looked_up_a_few_times() -> None:
+    """Once for each 16 voxels took a fifth of a second where there were many patches."""
+    depth = 2000
+    geometry, values = Geometry((1, 1, depth)), torch.zeros((depth, 1, 1))
+    values[0] = 1.0  # the hindmost
+    cube, quantisation = SubCube.of_volume(geometry, values, geometry.box), Quantisation((0.0, 1.0), 0.0)
+    cube.pack(quantisation)
+    scene = plain_scene(view=View(zoom=4.0), size=(9, 9))
+    drawing = Drawing.of(scene, sight_plan(scene, geometry), geometry, quantisation)
+    before = sum(opacity_codes.cache_info()[:2])
+    seen = front_most([cube], drawing, line_of_sight(scene, geometry, 4.0, 4.0))
+    assert seen is not None and seen.index == (0, 0, 0)
+    assert sum(opacity_codes.cache_info()[:2]) - before <= math.log2(depth)
 
 
 # -- with a session's servers, and in a single process
