@@ -308,12 +308,14 @@ class Batch:
 
     @property
     def reached(self) -> tuple[int, int]:
-        """(sheet, row)"""
+        """(sheet, row): all that the walker has before it in traversal order has been delivered."""
 
     @property
     def last(self) -> bool: ...
     @property
-    def voxels_visited(self) -> int: ...
+    def voxels_visited(self) -> int:
+        """Samples of the step within the bounds, those left out as hidden or outside the image included."""
+
     @property
     def packet_count(self) -> int: ...
 

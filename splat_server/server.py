@@ -271,7 +271,7 @@ class SplatServer:
         began = time.perf_counter()
         came = min(self._newest_came, began)
         spans = self._worker_links.spans(request.frame) if request.traced else UNTRACED
-        self._worker_links.begin_frame()
+        self._worker_links.forget_waits()
         self._frame = None
         assembly = FrameAssembly(self._owners, request.drawing.plan, request.frame, slabs_of(request))
         regions = regions_of(request.regions, self._client.id)

@@ -100,14 +100,14 @@ class WorkerLinks:
         for link in dropped:
             link.close()
 
-    def begin_frame(self) -> None:
+    def forget_waits(self) -> None:
         """Forget for how long workers were held back before, and who found no thread."""
         with self._lock:
             self._held_back.clear()
             self._unserved = None
 
     def start_frame(self, frame: int, workers: Mapping[int, int], into: SplatFrame) -> None:
-        """Have the frame's batches pushed: `workers` has so many walkers of each."""
+        """Have the frame's batches pushed `into` it; `workers` tells how many walkers each has."""
         with self._lock:  # what is held goes before all that comes
             refused = carried_out(self._merge.handle(FrameStarted(frame, workers, into)))
             self._follow_merge()
