@@ -11,6 +11,7 @@ from volsplat.splat_server._kernels import Ellipse, FootprintTable, KernelProjec
 
 CACHE_BUDGET = 3 << 19  # bytes: what is left of a 2 MiB second-level cache beside some rows of the image
 FINEST_RATIO = 64  # offsets a voxel that a table keeps even beyond the cache: what packets have at a pixel a voxel
+PASSING_RATIO = 16  # that it has at all if a picture is seen in passing: more take longer to make than they save
 COARSEST_OFFSET_BITS = 3  # 8 offsets a pixel, which are kept even beyond the cache
 LARGEST_TABLE = 1 << 25  # bytes: beyond, offsets give way
 ROUNDING = 1e-6  # of a logarithm
@@ -25,20 +26,22 @@ def kernel_projection(kernel: Kernel, radius: float) -> KernelProjection:
     return KernelProjection(kernel.value, parameter, radius)
 
 
-def offset_bits_for(shape: FootprintShape) -> int:
+def offset_bits_for(shape: FootprintShape, in_passing: bool = False) -> int:
     """The binary logarithm of the offsets a pixel: 6 is the packets' own lattice.
 
     As fine as the cache allows, but across its narrow side a footprint never gets less than FINEST_RATIO offsets a
     voxel: where all samples of a sheet round alike, in axis-aligned views, coarser ones show. A precise one has all of
-    them, unless that is more than anybody could hold.
+    them, unless that is more than anybody could hold; one of a picture that is seen in passing, while things move, no
+    more than PASSING_RATIO.
     """
     ellipse = _ellipse(shape)
     mean, spread = (shape.qxx + shape.qyy) / 2, math.hypot((shape.qxx - shape.qyy) / 2, shape.qxy)
     narrow = 1 / math.sqrt(mean + spread)  # pixels a voxel
-    enough = max(COARSEST_OFFSET_BITS, math.ceil(math.log2(FINEST_RATIO / narrow) - ROUNDING))
+    ratio = PASSING_RATIO if in_passing else FINEST_RATIO
+    enough = max(COARSEST_OFFSET_BITS, math.ceil(math.log2(ratio / narrow) - ROUNDING))
     if shape.precise:
         enough = SUBPIXEL_BITS
-    bits = SUBPIXEL_BITS
+    bits = min(enough, SUBPIXEL_BITS) if in_passing else SUBPIXEL_BITS
     while bits > enough and FootprintTable.bytes_needed(ellipse, bits) > CACHE_BUDGET:
         bits -= 1
     while bits > 0 and FootprintTable.bytes_needed(ellipse, bits) > LARGEST_TABLE:
@@ -47,7 +50,7 @@ def offset_bits_for(shape: FootprintShape) -> int:
 
 
 @lru_cache(maxsize=2)
-def footprint_table(shape: FootprintShape, threads: int = 1) -> FootprintTable:
+def footprint_table(shape: FootprintShape, threads: int = 1, in_passing: bool = False) -> FootprintTable:
     """The table of a view, made by so many threads. Raises BadInput where one footprint is larger than any image."""
     ellipse = _ellipse(shape)
     if max(shape.half_width, shape.half_height) >= LARGEST_HALF or (
@@ -57,7 +60,9 @@ def footprint_table(shape: FootprintShape, threads: int = 1) -> FootprintTable:
             f"a voxel's footprint is {2 * shape.half_width:.5g} x {2 * shape.half_height:.5g} pixels; lower the zoom, "
             f"or {CORRECT_SPACING}"
         )
-    return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape), threads)
+    return FootprintTable(
+        kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape, in_passing), threads
+    )
 
 
 def _ellipse(shape: FootprintShape) -> Ellipse:

@@ -2,6 +2,7 @@
 
 import math
 
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
 from volsplat.splat_server._kernels import CellMap, FootprintTable
@@ -19,7 +20,8 @@ def reach_and_cost(plan: FramePlan, threads: int) -> tuple[PixelReach, int]:
     Raises BadInput for a footprint larger than any image.
     """
     if plan.footprint is not None:
-        table = footprint_table(plan.footprint, threads)
+        in_passing = plan.frozen_alpha < FROZEN_ALPHA  # nothing else has pixels frozen early
+        table = footprint_table(plan.footprint, threads, in_passing)
         return table, min(table.width, plan.width) * min(table.height, plan.height)
     return (cell_map(plan), _cost_of_cell(plan)) if plan.reach == Reach.CELL else (None, 1)
 

@@ -23,6 +23,7 @@ from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS, DOCUMENTED_RIPPLE, FootprintShape, footprint_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, GridOnScreen, grid_on_screen
+from volsplat.protocol.rules.levels import Thinning, own_resolution
 from volsplat.protocol.rules.packet_layout import OPACITY_SHIFT, OPACITY_UNIT, POSITION_BITS, ROW_RUN
 from volsplat.protocol.rules.rounding import HALF_THRESHOLD
 from volsplat.protocol.text.errors import BadInput
@@ -35,6 +36,7 @@ from volsplat.splat_server.footprint_table import (
     kernel_projection,
     offset_bits_for,
 )
+from volsplat.splat_server.pixel_reach import reach_and_cost
 
 KERNELS = list(Kernel)
 
@@ -189,6 +191,22 @@ def test_offsets_are_at_least_eight_a_pixel_unless_footprints_are_very_large(dat
     qxx, qyy = (2 / width) ** 2, (2 / height) ** 2
     shape = msgspec.structs.replace(shape_of(1.0), qxx=qxx, qxy=0.0, qyy=qyy, half_width=width, half_height=height)
     assert offset_bits_for(shape) >= 3
+
+
+@pytest.mark.parametrize("zoom", [1.0, 1.7, 2.0, 4.0])
+def test_pictures_that_are_seen_in_passing_have_coarser_offsets(zoom: float) -> None:
+    """As the page draws while things move: with pixels that are frozen early."""
+    scene, geometry = plain_scene(view=View(zoom=zoom)), Geometry((8, 8, 8))
+    bits = []
+    for thinning in (Thinning(), Thinning(frozen_alpha=0.9)):
+        plan = plan_frame(scene, geometry, Step.F, own_resolution(geometry, Step.F, thinning))
+        table, _ = reach_and_cost(plan, threads=1)
+        assert isinstance(table, FootprintTable)
+        bits.append(table.offset_bits)
+    finest, passing = bits
+    assert 3 <= passing < finest and 2**passing * zoom >= 16
+    precise = msgspec.structs.replace(shape_of(zoom), precise=True)
+    assert offset_bits_for(precise, in_passing=True) == 6
 
 
 def test_a_huge_footprint_is_coarse_and_one_beyond_any_image_refused() -> None:
