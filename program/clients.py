@@ -24,6 +24,8 @@ SHORT_SECONDS = 5.0  # a client that was lost sooner than that after it was foun
 MOST_SHORT = 2  # … so many times in a row has no use for this server
 REPEAT_PAUSE_SECONDS = 1.0  # between two looks for a client, where the first was lost or turned this server away
 
+LOOKS_AGAIN = "%s; looking for a client again"
+
 log = logging.getLogger(__name__)
 
 
@@ -102,19 +104,26 @@ class Clients:
                 lost = PeerLost(str(error))
             if self._client is not None:
                 told, last_seen = "", time.monotonic()
+            if lost is not None and self._client is not None and self._client.broken:
+                self._tell_breach(lost)  # before SIGTERM ends this server without a word, as one that has no client
+                told = str(lost)
             self._departure.attend(None)
-            if self._departure.begun and lost is not None and self._client is not None and self._client.broken:
-                log.warning(WITHOUT_CLIENT, lost)
-                raise SystemExit(EXIT_TERMINATED)
             if self._departure.begun or (lost is None and not (again or self._options.resident)):
                 return
             self._lost = lost is not None
             if lost is not None:
                 if str(lost) != told:
                     level = logging.WARNING if self._options.resident else logging.INFO
-                    log.log(level, "%s; looking for a client again", lost)
+                    log.log(level, LOOKS_AGAIN, lost)
                 told = str(lost)
                 time.sleep(max(0.0, began + REPEAT_PAUSE_SECONDS - time.monotonic()))
+
+    def _tell_breach(self, lost: Exception) -> None:
+        """By the client. Ends this server if it was told to end."""
+        if self._departure.begun:
+            log.warning(WITHOUT_CLIENT, lost)
+            raise SystemExit(EXIT_TERMINATED)
+        log.warning(LOOKS_AGAIN, lost)
 
     def close(self) -> None:
         if self._port is not None:

@@ -32,6 +32,7 @@ class Departure:
     """Begins with the first SIGTERM; a second one ends the process at once."""
 
     def __init__(self) -> None:
+        self._told = False  # by a signal that came while there was a client; the main thread's
         self._lock = threading.Lock()  # guards what follows
         self._client: Connection | None = None
         self._begun = False
@@ -39,13 +40,13 @@ class Departure:
     @property
     def begun(self) -> bool:
         """Whether the server looks for no other client."""
-        return self._begun
+        return self._told or self._begun  # whichever thread hears of it first
 
     def watch(self) -> None:
         """Take SIGTERM from now on, though the main thread may be in a kernel. For the main thread."""
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
-        signal.signal(signal.SIGTERM, self._end_if_idle)
+        signal.signal(signal.SIGTERM, self._begin)
         signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
         threading.Thread(target=self._follow, args=(reader,), name="leave on SIGTERM", daemon=True).start()
 
@@ -56,9 +57,10 @@ class Departure:
         if begun and client is not None:
             _say_so(client)
 
-    def _end_if_idle(self, _signal: int, _frame: FrameType | None) -> None:
+    def _begin(self, _signal: int, _frame: FrameType | None) -> None:
         if self._client is None:
             raise SystemExit(0)
+        self._told = True
 
     def _follow(self, signals: int) -> None:
         _wait_for_sigterm(signals)

@@ -242,23 +242,32 @@ def said_by(server: Connection) -> Message:
 
 
 @contextmanager
-def client_that_keeps(program: str, begin: str = "") -> Iterator[tuple["subprocess.Popen[bytes]", Connection]]:
-    """A server after its first SIGTERM, which its client has heard of. The server's process runs `begin` first."""
+def client_of(
+    program: str, begin: str = "", stderr: int | None = None
+) -> Iterator[tuple["subprocess.Popen[bytes]", Connection]]:
+    """A server that has heard its client. The server's process runs `begin` first."""
     token = new_token()
     with Listener(Role.CLIENT, token) as listener:
         run = f"from volsplat.program.server_process import run_server; run_server('volsplat.{program}.command', "
         run = f"{begin}\n{run}'{program}', '{program}')"
         arguments = ["--connect", str(listener.address)]
         environment = {"VOLSPLAT_TOKEN": token.key.decode()}
-        with subprocess.Popen([sys.executable, "-c", run, *arguments], env=environment) as process:
+        with subprocess.Popen([sys.executable, "-c", run, *arguments], env=environment, stderr=stderr) as process:
             client = listener.accept()
             assert client is not None
             with client:
                 client.send(DescribeMachine())
                 assert isinstance(said_by(client), MachineDescribed)
-                process.send_signal(signal.SIGTERM)
-                assert said_by(client) == LeaveSession()
                 yield process, client
+
+
+@contextmanager
+def client_that_keeps(program: str, begin: str = "") -> Iterator[tuple["subprocess.Popen[bytes]", Connection]]:
+    """Likewise after its first SIGTERM, which its client has heard of."""
+    with client_of(program, begin) as (process, client):
+        process.send_signal(signal.SIGTERM)
+        assert said_by(client) == LeaveSession()
+        yield process, client
 
 
 @pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
@@ -270,6 +279,23 @@ def test_one_whose_client_breaks_the_protocol_before_it_lets_go_says_so(
         assert process.wait(PATIENCE) == EXIT_TERMINATED
     said = capfd.readouterr().err.splitlines()[-1]
     assert "broke the protocol: magic is 0x00000000" in said and said.endswith(WITHOUT)
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_one_whose_client_has_broken_the_protocol_says_so_before_it_is_told_to_end(program: str) -> None:
+    with client_of(program, stderr=subprocess.PIPE) as (process, client):
+        assert process.stderr is not None
+        client._socket.sendall(bytes(16))
+        said = process.stderr.readline()
+        assert b"broke the protocol: magic is 0x00000000" in said and said.endswith(b"; looking for a client again\n")
+        process.send_signal(signal.SIGTERM)
+        assert (process.wait(PATIENCE), process.stderr.read()) == (0, b"")
+
+
+def test_it_looks_for_no_other_client_however_soon_after_sigterm_its_own_is_lost() -> None:
+    """Though the thread that follows SIGTERM may not have come to it yet."""
+    happens = "departure._lock.acquire(); tell_to_end(); departure._client = None; os._exit(not departure.begun)"
+    assert subprocess.run([sys.executable, "-c", BUSY.format(happens)], timeout=PATIENCE).returncode == 0
 
 
 @pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
