@@ -138,6 +138,21 @@ def test_a_moving_scene_that_takes_too_long_is_drawn_lit_with_fewer_voxels(
     assert np.array_equal(drawn.last()[-1].published.pixels, whole)
 
 
+def test_what_a_moving_picture_takes_is_told_with_its_coding_but_not_with_that_of_one_at_rest(
+    drawn: Drawn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One at rest is coded as PNG, which takes as long as many a moving picture in all."""
+    measured: list[tuple[Rung, float]] = []
+    monkeypatch.setattr(drawn.loop.pacing, "measured", lambda rung, seconds: measured.append((rung, seconds)))
+    drawn.zoom_by(1.1, settled=False)
+    moving = drawn.next()
+    drawn.model.change(lambda scene: scene)
+    still = drawn.last()[-1]
+    assert still.data.startswith(PNG) and moving.outcome is not None and still.outcome is not None
+    assert measured[0][1] > moving.outcome.wall_seconds
+    assert measured[-1] == (Rung(Step.F), still.outcome.wall_seconds)
+
+
 def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
     def to_g(scene: Scene) -> Scene:
         return msgspec.structs.replace(scene, refine=msgspec.structs.replace(scene.refine, finest=Step.G))
