@@ -167,6 +167,7 @@ DWMRI_NEX_0000:=2
 DWMRI_gradient_0002:=0 -1.2 1.6
 DWMRI_gradient_0003:= 1  0  0
 DWMRI_gradient_0004:=n/a n/a n/a
+DWMRI_gradient_0005:=1e308 1.4e308 1e308
 DWMRI_gradient_0006:=1 1 1"""
     values = np.stack([VALUES] * 3 + [VALUES[::-1]] + [VALUES] * 2, axis=-1)
     path = nrrd(tmp_path / "dwi.nrrd", values, f"kinds: {kinds}\n{keys}")
@@ -181,10 +182,20 @@ def test_a_diffusion_nrrd_is_an_mr(tmp_path: Path) -> None:
     assert kind_of(nrrd(tmp_path / "plain.nrrd", VALUES, "")) == (Kind.UNKNOWN, "")
 
 
-@pytest.mark.parametrize("keys", ["volsplat.kind:=soup", "volsplat.bands:=[1]", "Segment0_LabelValue:=one"])
-def test_damaged_keys_of_a_nrrd_are_refused(tmp_path: Path, keys: str) -> None:
-    with pytest.raises(BadInput, match="keys for kind and classes cannot be used"):
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ("volsplat.kind:=soup", "soup"),
+        ("volsplat.bands:=[1]", "object"),
+        ("Segment0_LabelValue:=one", "Segment0_LabelValue should be a number, not “one”"),
+        ("Segment0_ID:=a\nSegment0_Layer:=1.0", "Segment0_Layer should be a whole number, not “1.0”"),
+        ("Segment0_ID:=a\nSegment0_Color:=1 0 x", "Segment0_Color should be three numbers, not “1 0 x”"),
+    ],
+)
+def test_damaged_keys_of_a_nrrd_are_refused(tmp_path: Path, keys: str, told: str) -> None:
+    with pytest.raises(BadInput, match="keys for kind and classes cannot be used") as refused:
         described(nrrd(tmp_path / "damaged.nrrd", VALUES, keys))
+    assert told in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -11,6 +12,8 @@ from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.protocol.description.kind import BANDS_KEY, KIND_KEY, Band, Kind
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
+
+Stated = TypeVar("Stated")
 
 # NA-MIC's convention for diffusion-weighted images.
 _DIFFUSION = "DWMRI"
@@ -67,18 +70,30 @@ def _segments(pairs: Mapping[str, str], layers: int) -> dict[int, list[Band]]:
     """By their layers. One that states none has a layer of its own, if there are several."""
     found: dict[int, list[Band]] = {}
     for number in dict.fromkeys(match[1] for key in pairs if (match := _SEGMENT.fullmatch(key))):
-        layer = int(pairs.get(f"Segment{number}_Layer", number if layers > 1 else 0))
+        layer = _stated(pairs, f"Segment{number}_Layer", int, "a whole number", int(number) if layers > 1 else 0)
         found.setdefault(layer, []).append(_segment(pairs, number))
     return found
 
 
 def _segment(pairs: Mapping[str, str], number: str) -> Band:
     """A segment as 3D Slicer writes it: its name, its value, its colour as three numbers."""
-    value = float(pairs.get(f"Segment{number}_LabelValue", 1))
-    colour = [float(word) for word in pairs.get(f"Segment{number}_Color", "").split()]
+    value = _stated(pairs, f"Segment{number}_LabelValue", float, "a number", 1.0)
+    colour = _stated(pairs, f"Segment{number}_Color", _floats, "three numbers", list[float]())
     known = (colour[0], colour[1], colour[2]) if len(colour) == 3 else None
     name = pairs.get(f"Segment{number}_Name") or pairs.get(f"Segment{number}_ID") or f"segment {number}"
     return Band(name, value, value, known)
+
+
+def _stated(pairs: Mapping[str, str], key: str, read: Callable[[str], Stated], what: str, otherwise: Stated) -> Stated:
+    """What a key states. Raises ValueError, which names it, if that is not what it should be."""
+    try:
+        return read(pairs[key]) if key in pairs else otherwise
+    except ValueError:
+        raise ValueError(f"{key} should be {what}, not “{pairs[key]}”") from None
+
+
+def _floats(words: str) -> list[float]:
+    return [float(word) for word in words.split()]
 
 
 def _diffusion_names(pairs: Mapping[str, str], count: int) -> list[str]:
@@ -111,12 +126,12 @@ def _gradients(pairs: Mapping[str, str], count: int) -> dict[int, Vector]:
 
 
 def _numbers(words: str, count: int) -> list[float]:
-    """None if they are not so many finite ones: some scanners state no gradients."""
+    """None if they are not so many, of a length: some scanners state no gradients."""
     try:
-        numbers = [float(word) for word in words.split()]
+        numbers = _floats(words)
     except ValueError:
         return []
-    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else []
+    return numbers if len(numbers) == count and math.isfinite(math.hypot(*numbers)) else []
 
 
 def refuse_flat_colours(path: Path, sizes: Sequence[int], kinds: Sequence[str], placed: bool) -> None:
