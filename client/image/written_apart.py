@@ -25,7 +25,7 @@ def check_written_apart(volume: str, *written: Path | None, records: Sequence[Pa
     `records` are reports and traces, and replace nothing else. None is no file, nor is a device.
     """
     name = volume_name(volume)
-    place, images, paths = Path(name.place), _files(written), _files([*written, *records])
+    place, images, paths = Path(name.plain_place), _files(written), _files([*written, *records])
     if place.is_dir():
         _check_folder(place, name.part, paths)
     else:

@@ -64,6 +64,13 @@ def test_no_image_changes_what_volume_a_folder_is(
     assert is_refused or format_of(study) == before
 
 
+def test_a_volume_that_a_url_names_is_as_safe(tmp_path: Path) -> None:
+    study = folder_of(tmp_path / "a study", numbered(".png", 3))
+    url = f"file://{tmp_path}/a%20study"
+    assert refused(url, study / "head.png") and refused(f"{url}/slice-1.png", study / "slice-1.png")
+    assert not refused(url, tmp_path / "head.png")
+
+
 def format_of(folder: Path) -> str:
     """By which the map/shade server would open it."""
     return next(one.name for one in folder_formats() if one.recognises(folder))
