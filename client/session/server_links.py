@@ -32,6 +32,7 @@ from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.accepting import Accepter, IdCounter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
@@ -380,7 +381,7 @@ class ServerLinks:
     def _tell_fault(self, connection: Connection, what: str, error: Exception) -> None:
         """Whoever else is at this server finds the connection closed."""
         peer = connection.peer
-        self._on_event(ServingFailed(peer.id, f"{peer} {what}: {type(error).__name__}: {error}"))
+        self._on_event(ServingFailed(peer.id, f"{peer} {what}: " + one_line(f"{type(error).__name__}: {error}")))
         connection.close()
 
 
