@@ -257,7 +257,8 @@ def _nexus_default(group: Any, root: str) -> tuple[str, Any]:
 
 
 def _below(path: str, name: str) -> str:
-    return name if name.startswith("/") else f"{path.rstrip('/')}/{name}"
+    steps = (name if name.startswith("/") else f"{path}/{name}").split("/")
+    return "/" + "/".join(step for step in steps if step not in ("", "."))
 
 
 def _check_readable(part: ArrayPart, dataset: Any) -> None:

@@ -41,6 +41,15 @@ def test_what_nexus_plots_by_a_link_has_the_axes_that_lie_beside_the_link(part: 
     assert described(name).geometry.spacing == (1, 0.5, 1)
 
 
+@pytest.mark.parametrize(("default", "signal"), [("entry/plot", "/entry/plot/data"), ("/entry//plot/", "./data")])
+def test_what_nexus_plots_has_one_name_however_that_is_written(default: str, signal: str, tmp_path: Path) -> None:
+    def fill(file: Any) -> None:
+        file["entry/plot/data"], file.attrs["default"] = VALUES, default
+        file["entry/plot"].attrs["signal"] = signal
+
+    assert described(written(tmp_path / "v.nxs", fill)).format == "HDF5 dataset /entry/plot/data"
+
+
 @pytest.mark.parametrize("axes", [".:row:.", "., row, .", "[.,row,.]"])
 def test_nexus_may_name_axes_in_one_text(axes: str, tmp_path: Path) -> None:
     def fill(file: Any) -> None:
