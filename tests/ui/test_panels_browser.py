@@ -151,8 +151,10 @@ def tab(kept_page: KeptPage, url: str, request: pytest.FixtureRequest) -> Iterat
     with no_failures(page):
         if empty:
             tab.load()
-        revision = page.request.get(f"{url}/again").text()
-        page.locator(f'[data-revision]:text-is("{revision}")').wait_for()
+        revision = int(page.request.get(f"{url}/again").text())  # a late event of the test before may raise it
+        page.wait_for_function(
+            "(least) => Number(document.querySelector('[data-revision]')?.textContent) >= least", arg=revision
+        )
         yield tab
 
 
