@@ -146,15 +146,24 @@ class MixtureEntries:
         """The table in bins of the coarser level, from the finer one's: the means over what its voxels stand for."""
 
 def seen_in_columns(
-    rows: Array, ends: Array, axis: int, from_high: bool, layers: int, places: int, finer: Array, coarser: Array
+    rows: Array,
+    ends: Array,
+    axis: int,
+    from_high: bool,
+    high_first: tuple[bool, bool],
+    factors: tuple[int, int, int],
+    finer: Array,
+    coarser: Array,
 ) -> tuple[tuple[float, Array, Array], tuple[float, Array, Array]]:
     """What is seen along columns of level_columns, uint32 (n, 9), from one of their ends.
 
-    `ends` tells for each column, int64 (columns,), the row after its last; `axis` is -1 along a diagonal.
-    Tables are float64 (65536, 7) over density | strength << 8: optical depth of a layer, how much light that lets
-    through, what is emitted, and what is reflected of each of four steps of the light. Of the finer voxels, then of
-    the coarser ones: what they emit, the direction codes of those that reflect, int64 (n,), and how much of each step,
-    float64 (n, 4). A coarser voxel stands for so many `layers`, one behind the other, of `places` voxels each.
+    `ends` tells for each column, or along an axis for each bundle, whose rows come four to a layer, the row after its
+    last, int64 (columns,); `axis` is -1 along a diagonal. `high_first` is whether a bundle's upper voxels are nearer
+    than its lower ones, on each of the two other axes. `factors` is how many voxels a coarser one stands for along
+    i, j, k, 1 or 2.
+    Tables are float64 (65536, 6) over density | strength << 8: optical depth of a layer, what is emitted, and what is
+    reflected of each of four steps of the light. Of the finer voxels, then of the coarser ones: what they emit, the
+    direction codes of those that reflect, int64 (n,), and how much of each step, float64 (n, 4).
     """
 
 def reflected_in_steps(refl: Array, room: Array, step: float) -> Array:

@@ -243,6 +243,8 @@ MESH_VOLUME = 0.02  # of a ball's volume: a mesh's faces cut corners, and its de
 # among them: 5 % is the worst there (docs/how_it_works/properties.md has the figures of a whole scan).
 LEVEL_BRIGHTNESS = 0.06
 THIN_LEVEL_BRIGHTNESS = 0.045  # of levels 1 and 2 where what is seen is two or three voxels thick: a benzene orbital's
+ROD_JUMP = 0.025  # of the light where a level of rods, two or three voxels thick, is taken along the axes
+ROD_BRIGHTNESS = 0.045  # against the volume itself, after two levels
 
 # Light around a direction, 0..1: the mean that kernels take over few places, and the tests over many.
 MEAN_LIGHT = 0.02

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.held.level_columns import LevelColumns, Looks, Reflected, Seen
+from volsplat.mapshade_server.held.level_columns import LevelColumns, Looks, Reflected, Seen, Slant
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -78,8 +78,8 @@ class Look(NamedTuple):
 
     def in_layers(self) -> Looks:
         """Of a depth that is still to be set."""
-        looks = np.zeros((len(self.opacity), 3 + LIGHT_STEPS))
-        looks[:, 2], looks[:, 3:] = self.emitted, self.reflected
+        looks = np.zeros((len(self.opacity), 2 + LIGHT_STEPS))
+        looks[:, 1], looks[:, 2:] = self.emitted, self.reflected
         return looks
 
 
@@ -103,7 +103,7 @@ class SeenLevel:
         seen = [
             [side.share * emitted for emitted in end.emitted]
             for side in self._columns.sides(eye)
-            for end in _from_ends(self, side.number)
+            for end in _from_ends(self, side.number, side.slant)
         ]
         of_finer, of_coarser = zip(*seen, strict=True)
         return factor(math.fsum(of_finer), math.fsum(of_coarser))
@@ -113,27 +113,28 @@ class SeenLevel:
 
         `eye` is as above.
         """
-        sides = [(side.share, _from_ends(self, side.number)[side.from_high]) for side in self._columns.sides(eye)]
+        sides = [
+            (side.share, _from_ends(self, side.number, side.slant)[side.from_high]) for side in self._columns.sides(eye)
+        ]
         of_finer, of_coarser = (
             _reflected([(share, seen.reflected[which]) for share, seen in sides], light)
             for which, light in enumerate((finer, coarser))
         )
         return _factor_to_reflect(of_coarser, of_finer.amount(1.0))
 
-    def from_ends(self, number: int) -> tuple[Seen, Seen]:
+    def from_ends(self, number: int, slant: Slant) -> tuple[Seen, Seen]:
         """Along the columns of a direction, from their lower and their upper end."""
         tables = [look.in_layers() for look in self._looks]
         lengths = self._columns.lengths(number)
         for table, layer, length in zip(tables, self._layers, lengths, strict=True):
             table[:, 0] = layer * length
-            table[:, 1] = np.exp(-table[:, 0])
         finer, coarser = tables
-        return self._columns.seen(number, finer, coarser)
+        return self._columns.seen(number, slant, finer, coarser)
 
 
 @lru_cache(KEPT_DIRECTIONS)
-def _from_ends(level: SeenLevel, number: int) -> tuple[Seen, Seen]:
-    return level.from_ends(number)
+def _from_ends(level: SeenLevel, number: int, slant: Slant) -> tuple[Seen, Seen]:
+    return level.from_ends(number, slant)
 
 
 def _reflected(sides: Iterable[tuple[float, Reflected]], light: Light) -> _kernels.ReflectedLight:

@@ -4,6 +4,9 @@ Tables of a level are means over all voxels of a bin. What is seen are those in 
 them. So a store has columns through the whole level in thirteen directions, spread evenly, in which both can be
 followed: along its three axes, the diagonals of its faces and those of its cubes.
 
+Along an axis there are bundles of four columns side by side. At one pixel a voxel a footprint mixes about as many
+voxels of a sheet before the next sheet is seen through them; rays through single ones lose more of what is thin.
+
 A column along a diagonal takes one axis after the other, in each order alike, and so goes through faces of voxels only.
 One through corners would see every other layer of a slope, and find its voxels hidden.
 """
@@ -24,9 +27,10 @@ from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.levels import factors_of, thickness_of
 
-AXIS_VOXELS = 1 << 18  # of a level, along all three
-DIAGONAL_VOXELS = 1 << 20  # along all ten: as many columns as along axes, and two or three voxels to a step
-LEAST_COLUMNS = 256  # in each direction, however long they are, if there are so many: fewer differ by chance
+AXIS_VOXELS = 1 << 19  # of a level, along all three
+DIAGONAL_VOXELS = 1 << 20  # along all ten: twice as many columns as bundles, and two or three voxels to a step
+LEAST_COLUMNS = 256  # or bundles, in each direction, however long, if there are so many: fewer differ by chance
+ABREAST = 2  # columns of a bundle, on each of the two axes across it
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
 BEYOND = np.uint32(0xFFFFFFFF)  # in the place of a voxel beyond the volume, or a second one if an axis is whole
 
@@ -41,12 +45,13 @@ DIAGONALS: tuple[Index, ...] = (
 )
 DIRECTIONS = AXES + DIAGONALS
 NO_AXIS = -1  # of diagonals
+LEVEL = -(2.0**-33)  # of a component towards the viewer, what a frame's walk takes for none
 QUICK = 1  # zstd's level
 
 Rows = NDArray[np.uint32]  # (n, ROW), column by column from the lower end, by DIRECTIONS
 Places = NDArray[np.int64]
 Voxels = NDArray[np.int32]  # (n, 3), or (3, n) where that is said: i, j, k
-Looks = NDArray[np.float64]  # (65536, 7), see seen_in_columns
+Looks = NDArray[np.float64]  # (65536, 6), see seen_in_columns
 
 
 class Columns(NamedTuple):
@@ -55,7 +60,7 @@ class Columns(NamedTuple):
     dims: Index  # of the level
     direction: Index
     first: Voxels  # where they enter, counted from the other end on axes along which they descend
-    ends: Places  # of each column, among their voxels
+    ends: Places  # of each column or bundle, among their voxels
     every: int  # how many columns there would be, side by side
     begin: int  # of their rows
 
@@ -84,19 +89,22 @@ def columns_of(dims: Index) -> tuple[Columns, ...]:
 
 def _columns(dims: Index, direction: Index, begin: int) -> Columns:
     axes = _axes(direction)
-    count_of_faces = [prod(face) for face in _faces(dims, axes)]
-    every = sum(count_of_faces)
-    rows = AXIS_VOXELS // len(AXES) if direction in AXES else DIAGONAL_VOXELS // len(DIAGONALS)
-    count = min(max(rows * every // (len(axes) * prod(dims)), LEAST_COLUMNS), every)
+    rows, abreast = (AXIS_VOXELS // len(AXES), ABREAST) if direction in AXES else (DIAGONAL_VOXELS // len(DIAGONALS), 1)
+    i, j, k = (size if axis in axes else -(-size // abreast) for axis, size in enumerate(dims))
+    places = (i, j, k)
+    count_of_faces = [prod(face) for face in _faces(places, axes)]
+    entries = sum(count_of_faces)
+    count = min(max(rows * entries // (len(axes) * abreast**2 * prod(places)), LEAST_COLUMNS), entries)
     first = np.concatenate(
         [
-            _entries(dims, axes, n, max(count * of_face // every, 1))
+            _entries(places, axes, n, max(count * of_face // entries, 1))
             for n, of_face in enumerate(count_of_faces)
             if of_face
         ]
     )
+    first *= abreast
     _, ends = _followed(first, dims, direction)
-    return Columns(dims, direction, first, ends, every, begin)
+    return Columns(dims, direction, first, ends, sum(map(prod, _faces(dims, axes))), begin)
 
 
 def _axes(direction: Index) -> list[int]:
@@ -132,6 +140,8 @@ def _followed(first: Voxels, dims: Index, direction: Index) -> tuple[Voxels, Pla
     One after the other takes its axes in another order. It enters between two voxels of its diagonal, and leaves so.
     """
     axes = _axes(direction)
+    if direction in AXES:
+        return _bundles(first, dims, axes[0])
     rounds = min(dims[axis] for axis in axes) + 1
     steps = np.zeros((factorial(len(axes)), rounds, len(axes), 3), np.int32)
     for n, order in enumerate(permutations(axes)):
@@ -146,6 +156,18 @@ def _followed(first: Voxels, dims: Index, direction: Index) -> tuple[Voxels, Pla
         if direction[axis] < 0:
             found[:, axis] = dims[axis] - 1 - found[:, axis]
     return found, np.cumsum(there.sum(axis=1), dtype=np.int64)
+
+
+def _bundles(first: Voxels, dims: Index, along: int) -> tuple[Voxels, Places]:
+    """Likewise of bundles along an axis: four voxels abreast, and the four after them. At an odd end of the level one
+    is there twice."""
+    aside = [axis for axis in range(3) if axis != along]
+    steps = np.zeros((dims[along], ABREAST, ABREAST, 3), np.int32)
+    steps[..., along] = np.arange(dims[along], dtype=np.int32)[:, None, None]
+    steps[..., aside[0]] = np.arange(ABREAST, dtype=np.int32)
+    steps[..., aside[1]] = np.arange(ABREAST, dtype=np.int32)[:, None]
+    voxels = np.minimum(first[:, None] + steps.reshape(-1, 3), np.array(dims, np.int32) - 1)
+    return voxels.reshape(-1, 3), np.arange(1, len(first) + 1, dtype=np.int64) * voxels.shape[1]
 
 
 @lru_cache(maxsize=1)
@@ -199,12 +221,22 @@ class Seen(NamedTuple):
     reflected: tuple[Reflected, Reflected]  # likewise
 
 
+class Slant(NamedTuple):
+    """Whether of voxels abreast the upper ones are nearer to the viewer, on the two axes across an axis, the lower one
+    first. As with a sheet's samples, those of which neither is come from the upper end.
+    """
+
+    first: bool = True
+    second: bool = True
+
+
 class Side(NamedTuple):
     """From where a level is seen along its columns."""
 
     number: int  # of DIRECTIONS
+    slant: Slant
     from_high: bool  # whether the viewer is at their upper end
-    share: float  # of a column in what is seen of the level
+    share: float  # of a column or bundle in what is seen of the level
 
 
 class LevelColumns:
@@ -222,7 +254,7 @@ class LevelColumns:
         self._coded = [coder.compress(rows[one.begin : one.end].data) for one in columns]
         self._ends = [one.ends for one in columns]
         self._steps = [step / level.reference_spacing for step in level.spacing]
-        self._each = [one.every / one.number for one in columns]  # that a column stands for
+        self._each = [one.every / one.number for one in columns]  # that a column or bundle stands for
 
     def sides(self, eye: Vector | None) -> list[Side]:
         """From where to look if `eye` is towards the viewer, along i, j, k; with None along all axes alike.
@@ -230,7 +262,7 @@ class LevelColumns:
         A ray is made of an axis, a face's diagonal and a cube's, so that it crosses as many voxels on each axis.
         """
         if eye is None:
-            return [self._side(axis, False, 1.0 / step) for axis, step in enumerate(self._steps)]
+            return [self._side(axis, Slant(), False, 1.0 / step) for axis, step in enumerate(self._steps)]
         crossed = [abs(along) / step for along, step in zip(eye, self._steps, strict=True)]
         most_first = sorted(range(3), key=lambda axis: -crossed[axis])
         sides, direction = [], [0, 0, 0]
@@ -238,17 +270,17 @@ class LevelColumns:
             direction[axis] = 1 if eye[axis] > 0.0 else -1
             part = crossed[axis] - (0.0 if less is None else crossed[less])
             if part > 0.0:
-                sides.append(self._towards(direction, part))
+                sides.append(self._towards(direction, _slant(eye, direction), part))
         return sides
 
-    def _towards(self, direction: Sequence[int], part: float) -> Side:
+    def _towards(self, direction: Sequence[int], slant: Slant, part: float) -> Side:
         i, j, k = direction
         from_high = (i, j, k) in DIRECTIONS
         number = DIRECTIONS.index((i, j, k) if from_high else (-i, -j, -k))
-        return self._side(number, from_high, part)
+        return self._side(number, slant, from_high, part)
 
-    def _side(self, number: int, from_high: bool, part: float) -> Side:
-        return Side(number, from_high, part * self._each[number])
+    def _side(self, number: int, slant: Slant, from_high: bool, part: float) -> Side:
+        return Side(number, slant, from_high, part * self._each[number])
 
     def lengths(self, number: int) -> tuple[float, float]:
         """What a column runs in a layer of the finer level and in a voxel of the level, in their reference spacings."""
@@ -260,23 +292,30 @@ class LevelColumns:
         """Of the finer level, that are seen one behind the other in a voxel: along diagonals footprints mix them."""
         return self._factors[number] if DIRECTIONS[number] in AXES else 1
 
-    def seen(self, number: int, finer: Looks, coarser: Looks) -> tuple[Seen, Seen]:
+    def seen(self, number: int, slant: Slant, finer: Looks, coarser: Looks) -> tuple[Seen, Seen]:
         """In one of DIRECTIONS, from the lower and from the upper end."""
         rows = np.frombuffer(zstandard.decompress(self._coded[number]), np.uint32).reshape(-1, ROW)
-        return self._seen(number, rows, False, finer, coarser), self._seen(number, rows, True, finer, coarser)
+        low, high = (self._seen(number, slant, rows, from_high, finer, coarser) for from_high in (False, True))
+        return low, high
 
-    def _seen(self, number: int, rows: Rows, from_high: bool, finer: Looks, coarser: Looks) -> Seen:
-        layers = self._layers(number)
+    def _seen(self, number: int, slant: Slant, rows: Rows, from_high: bool, finer: Looks, coarser: Looks) -> Seen:
         of_levels = _kernels.seen_in_columns(
             rows.data,
             self._ends[number].data,
             number if DIRECTIONS[number] in AXES else NO_AXIS,
             from_high,
-            layers,
-            prod(self._factors) // layers,
+            slant,
+            self._factors,
             finer.data,
             coarser.data,
         )
         (finer_emitted, *of_finer), (coarser_emitted, *of_coarser) = of_levels
         reflected = (Reflected(*map(np.asarray, of_finer)), Reflected(*map(np.asarray, of_coarser)))
         return Seen((finer_emitted, coarser_emitted), reflected)
+
+
+def _slant(eye: Vector, direction: Sequence[int]) -> Slant:
+    if sum(map(abs, direction)) > 1:
+        return Slant()
+    first, second = (towards >= LEVEL for towards, along in zip(eye, direction, strict=True) if not along)
+    return Slant(first, second)

@@ -66,7 +66,7 @@ from volsplat.protocol.text.errors import BadInput
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 10
+FORMAT = 11
 PREPARE_ANEW = "delete it and run `volsplat prepare` again"
 BRICKS = "bricks"
 MIXTURES = "mixtures"

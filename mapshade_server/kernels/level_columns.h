@@ -13,24 +13,28 @@ struct ColumnView {
     static constexpr int kRow = 9;
     static constexpr std::uint32_t kBeyond = 0xFFFFFFFFu;
     static constexpr int kNoAxis = -1;
+    static constexpr int kBundle = 4;
 
     const std::uint32_t* rows;
-    const std::int64_t* ends;  // of each column, among the rows
+    const std::int64_t* ends;  // of each column or bundle, among the rows
     std::size_t columns;
-    int axis;        // along which they run; kNoAxis along a diagonal, where all voxels of a row are one layer
-    bool from_high;  // whether the viewer is at their upper end
-    int layers;      // that a voxel stands for unless it reaches beyond the volume, and voxels of each
-    int places;
+    int axis;            // along which bundles of four run, four rows to a layer; kNoAxis along a diagonal
+    bool from_high;      // whether the viewer is at their upper end
+    bool high_first[2];  // whether of those abreast the upper ones are nearer, on the two axes across, the lower first
+    int factors[3];      // how many voxels one stands for on each axis, 1 or 2, unless it reaches beyond the volume
+
+    bool along_axis() const { return axis != kNoAxis; }
+    int children() const { return factors[0] * factors[1] * factors[2]; }
 };
 
 constexpr int kLightSteps = 4;  // see level_light
 
 // What an entry of a table over density | strength << 8 says of a voxel: the optical depth of a layer of such voxels,
-// how much light that lets through, what they emit, and what they reflect of each step of the light.
+// what they emit, and what they reflect of each step of the light.
 struct VoxelLook {
-    double depth, through, emitted, reflected[kLightSteps];
+    double depth, emitted, reflected[kLightSteps];
 };
-constexpr int kLookNumbers = 3 + kLightSteps;
+constexpr int kLookNumbers = 2 + kLightSteps;
 static_assert(sizeof(VoxelLook) == kLookNumbers * sizeof(double));
 
 struct SeenLight {
@@ -43,8 +47,9 @@ struct SeenOfLevels {
     SeenLight finer, coarser;
 };
 
-// The finer light is that of layers, whose places are seen as one, and along axes partly that of columns of single
-// voxels: footprints blur a level's means less far beyond their rims than layers alone would say.
+// Along a diagonal a row is one layer of either level. Along an axis a bundle is what a footprint of a pixel mixes of a
+// sheet before the next one is seen through it: the four voxels abreast, and of the finer level those of each of their
+// layers, one after the other as a sheet's samples are combined.
 // Sums are taken in one order.
 SeenOfLevels seen_in_columns(const ColumnView& columns, const VoxelLook* finer, const VoxelLook* coarser);
 

@@ -1,35 +1,19 @@
-"""Columns of a level's voxels: which they are, what is seen of them, and that a level becomes as bright as they say."""
+"""Columns of a level's voxels: which they are, and what is seen of them."""
 
 import math
 from itertools import pairwise, permutations, product
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from torch import Tensor
 
 from reference import level_columns
-from support.scenes.arbitrary import geometries
 from support.scenes.level_packets import FACTORS, SIZES, as_packets, drawn_packets, halves
-from support.thoroughness import examples
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frames.level_light import (
-    GREATEST_FACTOR,
-    LEAST_FACTOR,
-    LIGHT_STEP,
-    LIGHT_STEPS,
-    ROUNDED_TO,
-    Look,
-    SeenLevel,
-    depths,
-    eye_along_axes,
-    factor,
-    reflected_in_steps,
-)
+from volsplat.mapshade_server.frames.level_light import LIGHT_STEPS
 from volsplat.mapshade_server.held.level_columns import (
     AXES,
     AXIS_VOXELS,
@@ -38,26 +22,24 @@ from volsplat.mapshade_server.held.level_columns import (
     LEAST_COLUMNS,
     NO_AXIS,
     Columns,
-    LevelColumns,
+    Slant,
     columns_of,
     rows_within,
 )
-from volsplat.mapshade_server.prepare.layout import halved_geometry
-from volsplat.protocol.description.volume import Geometry, Index
-from volsplat.protocol.geometry import matrices
+from volsplat.protocol.description.volume import Index
 
 EXACT = 1e-9
-HALF_A_STEP = 0.51 / ROUNDED_TO  # half a step of what multiplies a level's light
 ALONG_I, ALONG_J, ALONG_K = range(3)
+SLANTS = st.builds(Slant, st.booleans(), st.booleans())
 
 
 def entries(columns: Columns) -> NDArray[np.int32]:
-    """The first voxel of each column, which is at its lower end."""
+    """The first voxel of each column or bundle, which is at its lower end."""
     return columns.voxels()[[0, *columns.ends[:-1].tolist()]]
 
 
 def test_there_are_as_many_columns_as_memory_allows() -> None:
-    dims = (200, 128, 150)
+    dims = (160, 128, 150)
     found = columns_of(dims)
     assert [columns.direction for columns in found] == list(DIRECTIONS)
     for columns in found:
@@ -78,10 +60,10 @@ def test_along_axes_columns_are_spread_evenly() -> None:
     for columns in columns_of(dims)[:3]:
         first = entries(columns)
         axis = columns.direction.index(1)
-        assert not first[:, axis].any() and len(columns.voxels()) == columns.number * dims[axis]
+        assert not first[:, axis].any() and len(columns.voxels()) == 4 * columns.number * dims[axis]
         for aside in {0, 1, 2} - {axis}:
             gaps = [after - before for before, after in pairwise([0, *sorted(first[:, aside].tolist()), dims[aside]])]
-            assert max(gaps) <= 4 * dims[aside] / columns.number
+            assert max(gaps) <= max(2, 4 * dims[aside] / columns.number)
 
 
 def test_along_diagonals_columns_are_as_dense_on_each_face_that_they_enter() -> None:
@@ -101,7 +83,7 @@ def test_along_diagonals_columns_are_as_dense_on_each_face_that_they_enter() -> 
 @example(dims=(1, 7, 3))
 def test_columns_take_one_axis_after_the_other_from_end_to_end(dims: Index) -> None:
     """So small a level has all that there are."""
-    for columns in columns_of(dims):
+    for columns in columns_of(dims)[len(AXES) :]:
         axes = [axis for axis, along in enumerate(columns.direction) if along]
         orders = list(permutations(axes))
         assert columns.number == columns.every
@@ -114,6 +96,27 @@ def test_columns_take_one_axis_after_the_other_from_end_to_end(dims: Index) -> N
                 voxels == level_columns.column(dims, columns.direction, voxel, order) for voxel in voxels[: len(axes)]
             )
             begin = end
+
+
+@given(dims=SIZES)
+@example(dims=(1, 1, 1))
+@example(dims=(1, 7, 3))
+def test_bundles_along_axes_are_four_columns_abreast_from_end_to_end(dims: Index) -> None:
+    """So small a level has all that there are; at an odd end the outermost voxels are there twice."""
+    for along, columns in enumerate(columns_of(dims)[: len(AXES)]):
+        a, b = (axis for axis in range(3) if axis != along)
+        assert columns.number == math.ceil(dims[a] / 2) * math.ceil(dims[b] / 2)
+        assert columns.every == dims[a] * dims[b]
+        assert len(np.unique(columns.voxels(), axis=0)) == math.prod(dims)
+        for bundle in np.split(columns.voxels(), columns.ends[:-1]):
+            low = bundle[0].tolist()
+            assert low[along] == 0 and low[a] % 2 == low[b] % 2 == 0
+            expected = []
+            for at, beside_b, beside_a in product(range(dims[along]), range(2), range(2)):
+                voxel = [at, at, at]
+                voxel[a], voxel[b] = min(low[a] + beside_a, dims[a] - 1), min(low[b] + beside_b, dims[b] - 1)
+                expected.append(voxel)
+            assert bundle.tolist() == expected
 
 
 @given(dims=SIZES, factors=FACTORS, seed=st.integers(0, 1000))
@@ -144,40 +147,37 @@ def test_parts_of_a_level_give_the_rows_of_all_of_it(dims: tuple[int, ...], seed
     assert np.array_equal(rows, expected)
 
 
-def with_what_is_let_through(table: Tensor) -> NDArray[np.float64]:
-    """A table of the reference as kernels take it."""
-    return np.insert(table.numpy(), 1, np.exp(-table[:, 0].numpy()), axis=1)
-
-
 @given(
     seed=st.integers(0, 1000),
     axis=st.sampled_from([None, ALONG_I, ALONG_J, ALONG_K]),
     from_high=st.booleans(),
+    slant=SLANTS,
     factors=FACTORS,
 )
-@example(seed=1, axis=ALONG_K, from_high=True, factors=(2, 2, 1))
-@example(seed=1, axis=None, from_high=True, factors=(2, 2, 1))
-def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int | None, from_high: bool, factors: Index) -> None:
+@example(seed=1, axis=ALONG_K, from_high=True, slant=Slant(), factors=(2, 2, 1))
+@example(seed=1, axis=None, from_high=True, slant=Slant(), factors=(2, 2, 1))
+def test_what_is_seen_is_what_the_reference_sees(
+    seed: int, axis: int | None, from_high: bool, slant: Slant, factors: Index
+) -> None:
     random = torch.Generator().manual_seed(seed)
-    rows = drawn_packets((6, 9), seed)
+    rows = drawn_packets((20, 9), seed)
     rows[-1, 5:] = level_columns.BEYOND
     for child in range(8):
         if any((child >> along & 1) >= factor for along, factor in enumerate(factors)):
             rows[:, 1 + child] = level_columns.BEYOND
     finer, coarser = torch.rand((2, 65536, 6), dtype=torch.float64, generator=random)
     finer[::2, 0] = 0.0
-    parts = [level_columns.seen(part, axis, from_high, finer, coarser, factors) for part in (rows[:2], rows[2:])]
+    parts = [level_columns.seen(part, axis, from_high, finer, coarser, factors, slant) for part in (rows[:8], rows[8:])]
     expected = [first + second for first, second in zip(*parts, strict=True)]
-    layers = 1 if axis is None else factors[axis]
     got = _kernels.seen_in_columns(
         as_packets(rows).data,
-        np.array([2, 6]).data,
+        np.array([8, 20]).data,
         NO_AXIS if axis is None else axis,
         from_high,
-        layers,
-        math.prod(factors) // layers,
-        with_what_is_let_through(finer).data,
-        with_what_is_let_through(coarser).data,
+        slant,
+        factors,
+        finer.numpy().data,
+        coarser.numpy().data,
     )
     assert [emitted for emitted, _, _ in got] == pytest.approx(expected[:2], rel=EXACT)
     for (_, codes, ours), theirs in zip(got, expected[2:], strict=True):
@@ -187,198 +187,27 @@ def test_what_is_seen_is_what_the_reference_sees(seed: int, axis: int | None, fr
     assert expected[0] >= 0.0 and expected[1] > 0.0  # half of the finer opacities are 0, by chance all of them
 
 
-@pytest.mark.parametrize("ends", [[2, 1, 6], [2, 5], [2, 7], []])
-def test_columns_that_do_not_end_with_their_rows_are_refused(ends: list[int]) -> None:
-    looks = np.zeros((65536, 7))
+@pytest.mark.parametrize("ends", [[4, 2, 12], [4, 10], [4, 16], []])
+@pytest.mark.parametrize("axis", [NO_AXIS, ALONG_I])
+def test_columns_that_do_not_end_with_their_rows_are_refused(ends: list[int], axis: int) -> None:
     with pytest.raises(ValueError, match="columns"):
-        _kernels.seen_in_columns(
-            np.zeros((6, 9), np.uint32).data, np.array(ends, np.int64).data, 0, True, 2, 4, looks.data, looks.data
-        )
+        seen_of_nothing(ends, axis, (2, 2, 2))
 
 
-def test_thin_layers_are_as_deep_as_they_are_thick() -> None:
-    thin = np.array([0.0, 1e-6])
-    assert depths(thin, 1.0, 0.25) == pytest.approx(thin, rel=1e-3)
-    assert depths(thin, 4.0, 1.0) == pytest.approx(4 * thin, rel=1e-3)
-    assert depths(np.array([0.5]), 1.0, 0.25)[0] > 0.5
+def test_bundles_that_end_within_a_layer_are_refused() -> None:
+    seen_of_nothing([6, 12], NO_AXIS, (2, 2, 2))
+    with pytest.raises(ValueError, match="those of a bundle together"):
+        seen_of_nothing([6, 12], ALONG_I, (2, 2, 2))
 
 
-def level_of_one_kind(
-    finer_packet: int, coarser_packet: int, spacing: matrices.Vector = (1.0, 1.0, 1.0)
-) -> LevelColumns:
-    """Of spacings like these."""
-    i, j, k = spacing
-    volume, level = (
-        Geometry((n, n, n), ((f * i, 0.0, 0.0), (0.0, f * j, 0.0), (0.0, 0.0, f * k))) for n, f in ((8, 1), (4, 2))
-    )
-    rows = np.full((columns_of(level.dims)[-1].end, 9), finer_packet, np.uint32)
-    rows[:, 0] = coarser_packet
-    return LevelColumns(volume, volume, level, rows)
+@pytest.mark.parametrize("factors", [(0, 2, 2), (2, 3, 2), (2, 2, -1)])
+def test_levels_that_do_not_halve_are_refused(factors: Index) -> None:
+    with pytest.raises(ValueError, match="one or two voxels along each axis"):
+        seen_of_nothing([4, 12], ALONG_I, factors)
 
 
-@pytest.mark.parametrize("eye", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (-0.48, 0.64, 0.6)])
-def test_what_is_emitted_and_reflected_is_made_up_for_apart(eye: matrices.Vector) -> None:
-    columns = level_of_one_kind(5 << 16, 7 << 16)
-    opacity, reflected = np.full(65536, 0.001), np.full((65536, LIGHT_STEPS), 0.5)
-    finer, coarser = (Look(opacity, np.full(65536, emitted), reflected) for emitted in (0.6, 0.5))
-    seen = SeenLevel(columns, finer, coarser)
-    assert seen.emission(eye) == seen.emission(None) == pytest.approx(1.2, abs=0.002)
-    light, other_light = np.zeros((2, 32768))
-    light[5], other_light[7] = 0.9, 1.0
-    assert seen.light(eye, light, other_light) == pytest.approx(0.9, abs=0.002)
-
-
-class AnyLevel(NamedTuple):
-    seen: SeenLevel
-    columns: LevelColumns
-    rows: Tensor
-    looks: list[Look]  # of the volume and of the level
-    dims: Index
-
-    def by_reference(self, number: int, from_high: bool) -> tuple[float, float, Tensor, Tensor]:
-        """Emitted and reflected, as the reference sees all columns in a direction."""
-        columns = columns_of(self.dims)[number]
-        axes = [axis for axis, along in enumerate(columns.direction) if along]
-        lengths = (1.0, 1.0) if len(axes) == 1 else (2.0 / math.sqrt(len(axes)), 1.0 / math.sqrt(len(axes)))
-        tables = [
-            torch.from_numpy(np.column_stack((length * depths(look.opacity, thickness, thickness**2 / 4), *look[1:])))
-            for look, thickness, length in zip(self.looks, (1.0, 2.0), lengths, strict=True)
-        ]
-        rows = self.rows[columns.begin : columns.end].tensor_split(columns.ends[:-1].tolist())
-        axis = axes[0] if len(axes) == 1 else None
-        seen = [level_columns.seen(column, axis, from_high, tables[0], tables[1]) for column in rows]
-        of_finer, of_coarser, *reflected = zip(*seen, strict=True)
-        return math.fsum(of_finer), math.fsum(of_coarser), sum(reflected[0]), sum(reflected[1])
-
-
-def any_level(seed: int) -> AnyLevel:
-    volume, random = Geometry((4, 4, 4)), torch.Generator().manual_seed(seed)
-    level = halved_geometry(volume)
-    rows = drawn_packets((columns_of(level.dims)[-1].end, 9), seed)
-    numbers = [torch.rand((65536, 6), dtype=torch.float64, generator=random).numpy() for _ in range(2)]
-    looks = [Look(table[:, 0], table[:, 1], table[:, 2:]) for table in numbers]
-    columns = LevelColumns(volume, volume, level, as_packets(rows))
-    return AnyLevel(SeenLevel(columns, looks[0], looks[1]), columns, rows, looks, level.dims)
-
-
-def towards(number: int, from_high: bool) -> matrices.Vector:
-    """The eye at an end of a direction's columns."""
-    i, j, k = DIRECTIONS[number]
-    return matrices.scaled(matrices.normalised((i, j, k)), 1.0 if from_high else -1.0)
-
-
-NUMBERS = st.integers(0, len(DIRECTIONS) - 1)
-
-
-@settings(max_examples=examples(20))
-@given(seed=st.integers(0, 1000), number=NUMBERS, from_high=st.booleans())
-def test_in_each_direction_a_level_emits_what_the_reference_sees_of_the_one_before(
-    seed: int, number: int, from_high: bool
-) -> None:
-    level = any_level(seed)
-    ends = [level.by_reference(number, end)[:2] for end in (False, True)]
-    finer, coarser = (math.fsum(each) for each in zip(*ends, strict=True))
-    assert level.seen.emission(towards(number, from_high)) == factor(finer, coarser)
-
-
-@settings(max_examples=examples(20))
-@given(seed=st.integers(0, 1000), number=NUMBERS, from_high=st.booleans())
-def test_in_each_direction_a_level_reflects_what_the_reference_sees_of_the_one_before(
-    seed: int, number: int, from_high: bool
-) -> None:
-    level, random = any_level(seed), torch.Generator().manual_seed(seed)
-    light, level_light = 0.5 + torch.rand((2, 32768), dtype=torch.float64, generator=random)
-    _, _, of_finer, of_coarser = level.by_reference(number, from_high)
-    light *= level_columns.lit(of_coarser, level_light) / level_columns.lit(of_finer, light)
-    expected = level_columns.lit(of_finer, light)
-    found = level.seen.light(towards(number, from_high), light.numpy(), level_light.numpy())
-    less, more = (
-        level_columns.lit(of_coarser, factor * level_light) for factor in (found - HALF_A_STEP, found + HALF_A_STEP)
-    )
-    assert less < expected or found == LEAST_FACTOR
-    assert expected < more or found == GREATEST_FACTOR
-
-
-@given(
-    spacing=st.tuples(*[st.floats(0.5, 2.0)] * 3),
-    eye=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda eye: math.hypot(*eye) > 0.1),
-)
-def test_a_ray_crosses_as_many_voxels_as_the_columns_that_it_is_made_of(
-    spacing: matrices.Vector, eye: matrices.Vector
-) -> None:
-    columns = level_of_one_kind(0, 0, spacing)
-    sides = columns.sides(eye)
-    assert 1 <= len(sides) <= 3 and all(side.share > 0.0 for side in sides)
-    counts = columns_of((4, 4, 4))
-    crossed = np.zeros(3)
-    for number, from_high, share in sides:
-        part = share * counts[number].number / counts[number].every
-        crossed += part * np.array(DIRECTIONS[number]) * (1 if from_high else -1)
-    expected = np.array(eye) / np.array(spacing) * matrices.cube_root(math.prod(spacing))
-    assert crossed == pytest.approx(expected, abs=1e-9)
-
-
-def test_a_light_that_voxels_have_no_room_for_counts_as_much_as_they_have() -> None:
-    columns = level_of_one_kind(5 << 16, 7 << 16)
-    bright, dim = np.full((2, 32768), [[0.8], [0.9]])
-    for room, seen_of_bright in ((0.5, 0.5), (2.0, 0.8)):
-        finer, coarser = (
-            Look(
-                np.full(65536, 0.001),
-                np.zeros(65536),
-                reflected_in_steps(*np.full((2, 65536, 3), [[[refl]], [[room]]])),
-            )
-            for refl, room in ((1.0, room), (0.5, 2.0))
-        )
-        expected = seen_of_bright / (0.5 * 0.9)
-        found = SeenLevel(columns, finer, coarser).light((0.0, 0.0, 1.0), bright, dim)
-        assert found == pytest.approx(min(expected, GREATEST_FACTOR), abs=2 * HALF_A_STEP)
-
-
-@given(refl=st.floats(0.0, 1.0), emitted=st.floats(0.0, 1.0), light=st.integers(0, 4))
-def test_by_whole_steps_of_light_voxels_reflect_what_they_have_room_for(
-    refl: float, emitted: float, light: int
-) -> None:
-    steps = reflected_in_steps(np.full((1, 3), refl), np.full((1, 3), 1.0 - emitted))
-    whole = [LIGHT_STEP * float(steps[0, :n].sum()) for n in range(LIGHT_STEPS + 1)]
-    assert whole == sorted(whole)
-    assert whole[light] <= min(refl * light * LIGHT_STEP, 1.0 - emitted) + EXACT
-    assert whole[-1] == pytest.approx(min(refl * LIGHT_STEPS * LIGHT_STEP, 1.0 - emitted), abs=EXACT)
-
-
-@settings(max_examples=examples(20))
-@given(seed=st.integers(0, 1000), turn=st.floats(0.0, 6.0), rise=st.floats(-1.5, 1.5))
-def test_between_directions_a_level_emits_between_what_it_does_in_each(seed: int, turn: float, rise: float) -> None:
-    level = any_level(seed)
-    eye = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
-    sides = level.columns.sides(eye)
-    of_sides = [level.seen.emission(towards(side.number, side.from_high)) for side in sides]
-    assert min(of_sides) <= level.seen.emission(eye) <= max(of_sides)
-
-
-def test_of_nothing_there_is_nothing_to_make_up_for() -> None:
-    assert factor(0.0, 0.5) == factor(0.5, 0.0) == 1.0
-    assert factor(9.0, 1.0) == 2.0 and factor(1.0, 9.0) == 0.5
-
-
-def test_sums_in_another_order_give_the_same_factor() -> None:
-    assert factor(1.0 + 1e-13, 1.5) == factor(1.0, 1.5) == round(1024 / 1.5) / 1024
-
-
-@given(geometry=geometries(), angles=st.tuples(st.floats(0.0, 6.0), st.floats(-1.5, 1.5)))
-def test_the_eye_is_found_from_the_light(geometry: Geometry, angles: tuple[float, float]) -> None:
-    turn, rise = angles
-    eye = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
-    light = matrices.normalised((0.3, -0.5, 0.8))
-    half_way = matrices.normalised(matrices.plus(light, eye))
-    found = eye_along_axes(light, half_way, geometry)
-    for axis in range(3):
-        along = matrices.normalised(matrices.column(geometry.index_to_physical, axis))
-        assert found[axis] == pytest.approx(matrices.dot(along, eye), abs=1e-6)
-    assert eye_along_axes(light, (0.0, 0.0, 0.0), Geometry((4, 4, 4))) == pytest.approx([-n for n in light])
-
-
-def test_rows_of_another_level_are_refused() -> None:
-    volume = Geometry((8, 8, 8))
-    with pytest.raises(ValueError, match=r"columns of a level of \(4, 4, 4\) voxels are not of shape \(5, 9\)"):
-        LevelColumns(volume, volume, halved_geometry(volume), np.zeros((5, 9), np.uint32))
+def seen_of_nothing(ends: list[int], axis: int, factors: Index) -> None:
+    looks = np.zeros((65536, 6))
+    rows = np.zeros((12, 9), np.uint32)
+    given = rows.data, np.array(ends, np.int64).data, axis, True, (True, True), factors, looks.data, looks.data
+    _kernels.seen_in_columns(*given)

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from support.files.prepared import ODD_DIMS, SMALL, packed_whole, prepare_small, store_of, values_of, written
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.held.level_columns import DIRECTIONS
+from volsplat.mapshade_server.held.level_columns import DIRECTIONS, Slant
 from volsplat.mapshade_server.held.packet_store import STORED, PacketStore, is_store, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.layout import Layout
@@ -197,7 +197,7 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 5, this version reads format 10; delete it and run"):
+    with pytest.raises(BadInput, match="of format 5, this version reads format 11; delete it and run"):
         open_store(changed(place, tmp_path / "older.zarr", format=5))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
@@ -311,7 +311,7 @@ def test_levels_without_shards_or_of_other_bricks_are_refused(level: str, place:
             open_store(str(copy))
 
 
-REFLECTED = (np.full((65536, 7), 0.1),) * 2
+REFLECTED = (np.full((65536, 6), 0.1),) * 2
 SPOILT = 12  # places in each file: zstd's checksums are over all bytes, ours to see is that all files have one
 
 
@@ -336,7 +336,7 @@ def what_voxels_stand_for(store: PacketStore, level: int) -> bytes:
 def seen_in_columns(store: PacketStore, level: int) -> list[object]:
     mixture = store.mixture(level)
     assert mixture is not None and mixture.columns is not None
-    seen = [one for number in range(len(DIRECTIONS)) for one in mixture.columns.seen(number, *REFLECTED)]
+    seen = [one for number in range(len(DIRECTIONS)) for one in mixture.columns.seen(number, Slant(), *REFLECTED)]
     return [(*one.emitted, *(part.tobytes() for reflected in one.reflected for part in reflected)) for one in seen]
 
 

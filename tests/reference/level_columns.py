@@ -11,7 +11,7 @@ from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
 BEYOND = (1 << 32) - 1
 CODES = 1 << 15
-APART = 0.25
+ACROSS = (0.2, 0.3, 0.3, 0.2)  # of what a bundle sees, the four finer voxels across it
 STEPS, STEP = 4, 0.5  # of the light
 
 
@@ -42,6 +42,29 @@ def column(
     return found
 
 
+class Seen:
+    """Of the finer or the coarser voxels of a column or bundle."""
+
+    def __init__(self, table: Tensor) -> None:
+        self._table = table
+        self.emitted = 0.0
+        self.reflected = torch.zeros((CODES, STEPS), dtype=torch.float64)
+        self.through = 1.0
+
+    def layer(self, parts: list[tuple[int, float]]) -> None:
+        """Packets that are seen as one, each so much of it."""
+        parts = [(packet, part) for packet, part in parts if packet >> NO_DATA_BIT == 0]
+        depths = [part * float(self._table[packet & 65535, 0]) for packet, part in parts]
+        if sum(depths) == 0.0:
+            return
+        stopped = self.through * -math.expm1(-sum(depths))
+        for (packet, _), depth in zip(parts, depths, strict=True):
+            seen = stopped * depth / sum(depths)
+            self.emitted += seen * float(self._table[packet & 65535, 1])
+            self.reflected[packet >> DIRECTION_SHIFT & CODES - 1] += seen * self._table[packet & 65535, 2:]
+        self.through -= stopped
+
+
 def seen(
     column: Tensor,
     axis: int | None,
@@ -49,42 +72,44 @@ def seen(
     finer: Tensor,
     coarser: Tensor,
     sides: tuple[int, int, int] = (2, 2, 2),
+    high_first: tuple[bool, bool] = (True, True),
 ) -> tuple[float, float, Tensor, Tensor]:
-    """Emitted by the finer and the coarser voxels of one column, and reflected by direction code and step of the light.
+    """Emitted by the finer and the coarser voxels of one column, or along an axis of one bundle, whose rows come four
+    to a layer; and reflected by direction code and step of the light.
 
     Tables have a layer's depth, what is emitted, and what is reflected of each step. A coarser voxel stands for so many
     finer ones along i, j, k; without an axis, of a diagonal, all these are one layer.
     """
-    places = math.prod(sides) // (1 if axis is None else sides[axis])
-    apart = 0.0 if axis is None else APART
-    emitted, through = [0.0, 0.0], [1.0] * 10
-    shares = [1 - apart, 1.0, *[apart / places] * 8]  # of finer layers, the coarser voxels, finer columns
-    reflected = [torch.zeros((CODES, STEPS), dtype=torch.float64) for _ in range(2)]
-
-    def layer(which: int, packets: list[int], table: Tensor, places: float) -> None:
-        packets = [packet for packet in packets if packet >> NO_DATA_BIT == 0]
-        total = sum(float(table[packet & 65535, 0]) for packet in packets)
-        if total == 0.0:
-            return
-        stopped = through[which] * -math.expm1(-total / places)
-        for packet in packets:
-            depth, emit = table[packet & 65535, :2].tolist()
-            part, level = shares[which] * stopped * depth / total, int(which == 1)
-            emitted[level] += part * emit
-            reflected[level][packet >> DIRECTION_SHIFT & CODES - 1] += part * table[packet & 65535, 2:]
-        through[which] -= stopped
-
-    for told in column.flip(0).tolist() if from_high else column.tolist():
-        if max(through[:2]) <= 1 / 1024:
+    fine, coarse = Seen(finer), Seen(coarser)
+    layers = column.reshape(-1, 1 if axis is None else 4, column.shape[1]).tolist()
+    for rows in reversed(layers) if from_high else layers:
+        if max(fine.through, coarse.through) <= 1 / 1024:
             break
-        there = sum(packet != BEYOND for packet in told[1:])
-        layer(1, told[:1], coarser, math.prod(sides) / there)
-        for side in (None,) if axis is None else (1, 0) if from_high else (0, 1):
-            packets = [packet for n, packet in enumerate(told[1:]) if side is None or n >> (axis or 0) & 1 == side]
-            layer(0, packets, finer, places)
-            for n, packet in enumerate(packets):
-                layer(2 + n, [packet], finer, 1.0)
-    return emitted[0], emitted[1], reflected[0], reflected[1]
+        there = [sum(packet != BEYOND for packet in told[1:]) / math.prod(sides) for told in rows]
+        if axis is None:
+            coarse.layer([(rows[0][0], there[0])])
+            fine.layer([(packet, 1 / math.prod(sides)) for packet in rows[0][1:]])
+            continue
+        signs = [-1 if high else 1 for high in high_first]
+        for n in sorted(range(4), key=lambda n: (signs[1] * (n >> 1), signs[0] * (n & 1))):
+            coarse.layer([(rows[n][0], there[n] / 4)])
+        a, b = (aside for aside in range(3) if aside != axis)
+        for side in (1, 0) if from_high else (0, 1):
+            places = []
+            for n, child in product(range(4), range(8)):
+                if child >> axis & 1 == side:
+                    at_a = (n & 1) * sides[a] + (child >> a & 1)
+                    at_b = (n >> 1) * sides[b] + (child >> b & 1)
+                    places.append((signs[1] * at_b, signs[0] * at_a, rows[n][1 + child], at_a, at_b))
+            for _, _, packet, at_a, at_b in sorted(places):
+                if packet != BEYOND:
+                    fine.layer([(packet, _across(at_a, sides[a]) * _across(at_b, sides[b]))])
+    return fine.emitted, coarse.emitted, fine.reflected, coarse.reflected
+
+
+def _across(at: int, side: int) -> float:
+    """How much a finer voxel is of a bundle's layer, by its place on one axis."""
+    return ACROSS[at] if side == 2 else 1 / 2
 
 
 def lit(reflected: Tensor, light: Tensor) -> float:

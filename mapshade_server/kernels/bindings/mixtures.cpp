@@ -1,6 +1,8 @@
 // Checks arrays, releases the GIL, and wraps results.
 #include "mapshade_server/kernels/mixtures.h"
 
+#include <nanobind/stl/array.h>
+
 #include <algorithm>
 #include <stdexcept>
 
@@ -62,16 +64,23 @@ using Rows = nb::ndarray<const std::uint32_t, nb::ndim<2>, nb::c_contig, nb::dev
 
 using Ends = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-void check_columns(const Rows& rows, const Ends& ends, int axis, const Table& finer, const Table& coarser) {
+using Factors = std::array<int, 3>;
+
+void check_columns(const Rows& rows, const Ends& ends, int axis, const Factors& factors, const Table& finer,
+                   const Table& coarser) {
     std::int64_t begin = 0;
+    const int abreast = axis == ColumnView::kNoAxis ? 1 : ColumnView::kBundle;
     for (std::size_t n = 0; n < ends.shape(0); begin = ends.data()[n++])
-        if (ends.data()[n] < begin) throw std::invalid_argument("columns end one after the other");
+        if (ends.data()[n] < begin || ends.data()[n] % abreast != 0)
+            throw std::invalid_argument("columns end one after the other, those of a bundle together");
+    if (std::ranges::any_of(factors, [](int factor) { return factor != 1 && factor != 2; }))
+        throw std::invalid_argument("a level's voxel stands for one or two voxels along each axis");
     if (rows.shape(1) != ColumnView::kRow || static_cast<std::size_t>(begin) != rows.shape(0))
         throw std::invalid_argument("columns have rows of 9 packets, and the last one ends with them");
     if (axis < ColumnView::kNoAxis || axis > 2) throw std::invalid_argument("columns run along three axes or none");
     for (const Table* table : {&finer, &coarser}) {
         check_rows(*table, kPlaneEntries);
-        if (table->shape(1) != kLookNumbers) throw std::invalid_argument("what voxels look like takes seven numbers");
+        if (table->shape(1) != kLookNumbers) throw std::invalid_argument("what voxels look like takes six numbers");
     }
 }
 
@@ -84,10 +93,13 @@ nb::tuple python_seen(SeenLight seen) {
                           owned_array(std::move(seen.reflected), n, kLightSteps));
 }
 
-nb::object python_seen_in_columns(const Rows& rows, const Ends& ends, int axis, bool from_high, int layers, int places,
-                                  const Table& finer, const Table& coarser) {
-    check_columns(rows, ends, axis, finer, coarser);
-    const ColumnView view{rows.data(), ends.data(), ends.shape(0), axis, from_high, layers, places};
+nb::object python_seen_in_columns(const Rows& rows, const Ends& ends, int axis, bool from_high,
+                                  const std::array<bool, 2>& high_first, const Factors& factors, const Table& finer,
+                                  const Table& coarser) {
+    check_columns(rows, ends, axis, factors, finer, coarser);
+    const auto [i, j, k] = factors;
+    const ColumnView view{rows.data(), ends.data(), ends.shape(0), axis, from_high, {high_first[0], high_first[1]},
+                          {i, j, k}};
     SeenOfLevels seen;
     {
         const Unlocked unlocked;
@@ -163,8 +175,8 @@ void bind_mixtures(nb::module_& m) {
             return owned_array(unbinned(table.data(), table.shape(1)), kPlaneEntries, table.shape(1));
         },
         "table"_a);
-    m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "ends"_a, "axis"_a, "from_high"_a, "layers"_a,
-          "places"_a, "finer"_a, "coarser"_a);
+    m.def("seen_in_columns", &python_seen_in_columns, "rows"_a, "ends"_a, "axis"_a, "from_high"_a, "high_first"_a,
+          "factors"_a, "finer"_a, "coarser"_a);
     m.def("reflected_in_steps", &python_reflected_in_steps, "refl"_a, "room"_a, "step"_a);
     nb::class_<ReflectedLight>(m, "ReflectedLight")
         .def("__init__", &make_reflected_light, "light"_a, "step"_a)
