@@ -32,7 +32,7 @@ _LEAST = 2  # images, before another rung is taken
 _LEARN_TO = 2.0  # by which factor a cost may turn out to be other than is likely
 _FORGOTTEN = 0.005  # of what was learnt, with each image
 _HICCUP = 2.0  # times as long as expected: more of one image is no news
-_MARGIN = 0.95  # of the time between two images that a better one may take; what is drawn already may take all of it
+_MARGIN = 0.85  # of the time between two images that a better one may take; what is drawn already may take all of it
 _VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save
 _FEWER_SAVE = 0.6  # power of the share of the voxels, of which that time is
 
