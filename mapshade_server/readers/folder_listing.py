@@ -52,6 +52,8 @@ def listed(request: ListFolder) -> FolderListed:
 
 def _with_parts(request: ListFolder) -> VolumeName | None:
     """The file, or the folder that is one volume, of which parts are asked for. None for any other folder."""
+    if "\0" in request.folder:  # which no name has: _below says what it says of all that is not there
+        return None
     name = volume_name(str(Path(request.path, request.folder)))
     try:
         top, found = Path(request.path).resolve(), Path(name.place).resolve(strict=True)
