@@ -143,6 +143,7 @@ def test_what_a_moving_picture_takes_is_told_with_its_coding_but_not_with_that_o
 ) -> None:
     """One at rest is coded as PNG, which takes as long as many a moving picture in all."""
     measured: list[tuple[Rung, float]] = []
+    monkeypatch.setattr(drawn.loop.pacing, "while_moving", lambda scene: Rung(Step.F, 0.5))
     monkeypatch.setattr(drawn.loop.pacing, "measured", lambda rung, seconds: measured.append((rung, seconds)))
     drawn.zoom_by(1.1, settled=False)
     moving = drawn.next()
