@@ -2,7 +2,6 @@
 // browser would arrange the layers of the whole page anew with every picture.
 
 /** @typedef {import("./camera.js").Size} Size */
-/** @typedef {import("./camera.js").Point} Point */
 
 export class MarkCanvas {
   #context;
