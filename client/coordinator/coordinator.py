@@ -14,20 +14,13 @@ from dataclasses import replace
 from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
-from volsplat.client.coordinator.coordinator_events import (
-    CutOff,
-    EndFrame,
+from volsplat.client.coordinator.data_routes import DataRoutes
+from volsplat.client.coordinator.events.events import (
     Event,
-    FailSession,
     FrameAsked,
-    GiveAnswer,
-    Instruction,
     MessageReceived,
     NobodyJoined,
     Question,
-    ReportLoss,
-    ReportProgress,
-    Send,
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
@@ -35,7 +28,16 @@ from volsplat.client.coordinator.coordinator_events import (
     ServingFailed,
     VolumeAsked,
 )
-from volsplat.client.coordinator.data_routes import DataRoutes
+from volsplat.client.coordinator.events.instructions import (
+    CutOff,
+    EndFrame,
+    FailSession,
+    GiveAnswer,
+    Instruction,
+    ReportLoss,
+    ReportProgress,
+    Send,
+)
 from volsplat.client.coordinator.file_voxel_questions import FileVoxelQuestions
 from volsplat.client.coordinator.folder_listings import FolderListings
 from volsplat.client.coordinator.frames import Frames

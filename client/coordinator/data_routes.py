@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Iterable
 from shlex import quote
 
-from volsplat.client.coordinator.coordinator_events import Instruction, ReportProgress, Send, ServerJoined
+from volsplat.client.coordinator.events.events import ServerJoined
+from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
 from volsplat.protocol.wire.addresses import Address, everywhere, is_loopback, reached_from

@@ -5,13 +5,8 @@ What cannot be told soon is not told: nobody draws by it, and who looks at a vox
 
 from collections import Counter
 
-from volsplat.client.coordinator.coordinator_events import (
-    FileVoxelAsked,
-    GiveAnswer,
-    Instruction,
-    MessageReceived,
-    Send,
-)
+from volsplat.client.coordinator.events.events import FileVoxelAsked, MessageReceived
+from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction, Send
 from volsplat.client.coordinator.open_questions import AskedOfOne
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.volume_holding import VolumeHolding

@@ -1,6 +1,7 @@
 """What lies in folders of the servers' machine, on its way: of any map/shade server, since all see the same files."""
 
-from volsplat.client.coordinator.coordinator_events import FolderAsked, GiveAnswer, Instruction, MessageReceived, Send
+from volsplat.client.coordinator.events.events import FolderAsked, MessageReceived
+from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction, Send
 from volsplat.client.coordinator.open_questions import AskedOfOne
 from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.servers import Servers

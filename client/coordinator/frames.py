@@ -3,19 +3,15 @@
 from itertools import starmap
 
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
-from volsplat.client.coordinator.coordinator_events import (
+from volsplat.client.coordinator.data_routes import DataRoutes
+from volsplat.client.coordinator.events.events import (
     AbortAsked,
-    EndFrame,
     FrameAsked,
-    ImagePart,
-    Instruction,
     MessageReceived,
     PartialImageAsked,
     ProgressAsked,
-    ReportProgress,
-    Send,
 )
-from volsplat.client.coordinator.data_routes import DataRoutes
+from volsplat.client.coordinator.events.instructions import EndFrame, ImagePart, Instruction, ReportProgress, Send
 from volsplat.client.coordinator.hidden_share import HiddenShare
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.running_frame import RunningFrame, progress_words

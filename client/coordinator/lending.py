@@ -7,7 +7,7 @@ has kept the one before. So no more than one part for each receiver is on its wa
 from collections import deque
 from collections.abc import Mapping
 
-from volsplat.client.coordinator.coordinator_events import Instruction, ReportProgress, Send
+from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages

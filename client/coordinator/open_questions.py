@@ -2,7 +2,7 @@
 
 from typing import Generic, TypeVar
 
-from volsplat.client.coordinator.coordinator_events import Found, GiveAnswer, Instruction
+from volsplat.client.coordinator.events.instructions import Found, GiveAnswer, Instruction
 from volsplat.protocol.text.errors import VolsplatError
 
 Known = TypeVar("Known")  # of a question, while it is open

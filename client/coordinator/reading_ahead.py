@@ -1,6 +1,7 @@
 """What was lost with a server is read by others beside frames, which show what is left, before it changes hands."""
 
-from volsplat.client.coordinator.coordinator_events import Instruction, MessageReceived, ReportProgress, Send
+from volsplat.client.coordinator.events.events import MessageReceived
+from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
 from volsplat.client.coordinator.shares.heirs import Boxes
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.volume import Box

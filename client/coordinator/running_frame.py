@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from volsplat.client.coordinator.coordinator_events import FrameOutcome, ImagePart, PublishImage
+from volsplat.client.coordinator.events.instructions import FrameOutcome, ImagePart, PublishImage
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats

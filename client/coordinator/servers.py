@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from volsplat.client.coordinator.coordinator_events import ServerJoined
+from volsplat.client.coordinator.events.events import ServerJoined
 from volsplat.client.coordinator.server_states import ServerState, missing_boxes
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role

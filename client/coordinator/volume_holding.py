@@ -7,14 +7,8 @@ from collections.abc import Mapping
 
 from volsplat.client.coordinator.assignments import NOTHING, Assignments, Held
 from volsplat.client.coordinator.base_level import LevelChoice
-from volsplat.client.coordinator.coordinator_events import (
-    Instruction,
-    MessageReceived,
-    PublishVolume,
-    ReportLoss,
-    ReportProgress,
-    Send,
-)
+from volsplat.client.coordinator.events.events import MessageReceived
+from volsplat.client.coordinator.events.instructions import Instruction, PublishVolume, ReportLoss, ReportProgress, Send
 from volsplat.client.coordinator.lending import Lending
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.phase import SETTLED, SURVEYED_PHASES, Phase

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from volsplat.client.coordinator.coordinator_events import Found, PlaneAsked, PointAsked, SliceAsked
+from volsplat.client.coordinator.events.events import PlaneAsked, PointAsked, SliceAsked
+from volsplat.client.coordinator.events.instructions import Found
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice

@@ -4,15 +4,8 @@ all of them have found.
 
 from collections.abc import Iterator
 
-from volsplat.client.coordinator.coordinator_events import (
-    GiveAnswer,
-    Instruction,
-    MessageReceived,
-    PlaneAsked,
-    PointAsked,
-    Send,
-    SliceAsked,
-)
+from volsplat.client.coordinator.events.events import MessageReceived, PlaneAsked, PointAsked, SliceAsked
+from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction, Send
 from volsplat.client.coordinator.open_questions import OpenQuestions
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.volume_holding import VolumeHolding

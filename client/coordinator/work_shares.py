@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 
-from volsplat.client.coordinator.coordinator_events import Instruction
+from volsplat.client.coordinator.events.instructions import Instruction
 from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET, BlockWork
 from volsplat.client.coordinator.shares.measured_speeds import MeasuredSpeeds
 from volsplat.client.coordinator.shares.sub_cubes import Share, divided_by_work

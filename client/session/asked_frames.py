@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from volsplat.client.coordinator.coordinator_events import EndFrame, PublishImage
+from volsplat.client.coordinator.events.instructions import EndFrame, PublishImage
 from volsplat.client.session.turns import PATIENCE_SECONDS, Turn, Turns, Urgency
 from volsplat.protocol.messages.message import LARGEST_ID
 from volsplat.protocol.text.callers_lines import under_callers_lines

@@ -9,13 +9,8 @@ from collections.abc import Collection, Generator, Iterator
 from contextlib import contextmanager
 
 from volsplat.client.caller.arguments import checked_scene
-from volsplat.client.coordinator.coordinator_events import (
-    AbortAsked,
-    FrameAsked,
-    PartialImageAsked,
-    ProgressAsked,
-    PublishImage,
-)
+from volsplat.client.coordinator.events.events import AbortAsked, FrameAsked, PartialImageAsked, ProgressAsked
+from volsplat.client.coordinator.events.instructions import PublishImage
 from volsplat.client.coordinator.server_states import ImageIncomplete, VolumeIncomplete
 from volsplat.client.session.asked_frames import Answers, FrameGivenUp, next_image
 from volsplat.client.session.coordination import Coordination

@@ -13,18 +13,16 @@ from dataclasses import replace
 import msgspec
 
 from volsplat.client.coordinator.coordinator import Coordinator
-from volsplat.client.coordinator.coordinator_events import (
-    AbortAsked,
+from volsplat.client.coordinator.events.events import AbortAsked, Event, Question
+from volsplat.client.coordinator.events.instructions import (
     CutOff,
     EndFrame,
-    Event,
     FailSession,
     Found,
     GiveAnswer,
     Instruction,
     PublishImage,
     PublishVolume,
-    Question,
     ReportLoss,
     ReportProgress,
     Send,

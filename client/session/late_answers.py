@@ -4,7 +4,7 @@ import threading
 from concurrent.futures import Future
 from itertools import count
 
-from volsplat.client.coordinator.coordinator_events import Found, GiveAnswer
+from volsplat.client.coordinator.events.instructions import Found, GiveAnswer
 from volsplat.protocol.text.errors import VolsplatError
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from volsplat.client.caller.whole_torch import load_torch
-from volsplat.client.coordinator.coordinator_events import ImagePart
+from volsplat.client.coordinator.events.instructions import ImagePart
 
 if TYPE_CHECKING:
     import numpy as np

@@ -20,7 +20,8 @@ from volsplat.client.caller.arguments import (
     checked_steps,
     checked_thinning,
 )
-from volsplat.client.coordinator.coordinator_events import Found, FrameOutcome, PlaneAsked, PointAsked, SliceAsked
+from volsplat.client.coordinator.events.events import PlaneAsked, PointAsked, SliceAsked
+from volsplat.client.coordinator.events.instructions import Found, FrameOutcome
 from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.session.asked_frames import FrameGivenUp

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from volsplat.client.coordinator.coordinator_events import (
+from volsplat.client.coordinator.events.events import (
     Event,
     MessageReceived,
     NobodyJoined,

@@ -29,13 +29,8 @@ from volsplat.client.caller.arguments import (
 )
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.caller.own_process import OwnProcess
-from volsplat.client.coordinator.coordinator_events import (
-    FileVoxelAsked,
-    FolderAsked,
-    Found,
-    Question,
-    VolumeAsked,
-)
+from volsplat.client.coordinator.events.events import FileVoxelAsked, FolderAsked, Question, VolumeAsked
+from volsplat.client.coordinator.events.instructions import Found
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory

@@ -23,14 +23,8 @@ from volsplat.client.caller.arguments import (
 from volsplat.client.caller.own_process import OwnProcess
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
-from volsplat.client.coordinator.coordinator_events import (
-    Found,
-    FrameOutcome,
-    Instruction,
-    MessageReceived,
-    ReportProgress,
-    Send,
-)
+from volsplat.client.coordinator.events.events import MessageReceived
+from volsplat.client.coordinator.events.instructions import Found, FrameOutcome, Instruction, ReportProgress, Send
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.running_frame import progress_words
 from volsplat.client.coordinator.shares.region_shares import RegionShares

@@ -17,15 +17,8 @@ from support.messages.coordinated import (
     sent,
     surveyed,
 )
-from volsplat.client.coordinator.coordinator_events import (
-    CutOff,
-    EndFrame,
-    FrameAsked,
-    Instruction,
-    MessageReceived,
-    Send,
-    ServerLost,
-)
+from volsplat.client.coordinator.events.events import FrameAsked, MessageReceived, ServerLost
+from volsplat.client.coordinator.events.instructions import CutOff, EndFrame, Instruction, Send
 from volsplat.protocol.description.scene import CrossBar, Field, Light, ScalarTable, Scene, Step, View
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput

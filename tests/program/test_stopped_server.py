@@ -37,7 +37,7 @@ from volsplat.protocol.wire.tokens import new_token
 STOPS_WHO_GETS_A_PART = """
 import os, re, signal, sys
 from volsplat.client.command.cli import main
-from volsplat.client.coordinator.coordinator_events import Send
+from volsplat.client.coordinator.events.instructions import Send
 from volsplat.client.session.coordination import Coordination
 from volsplat.protocol.messages.messages import HoldPart
 

@@ -12,7 +12,7 @@ import torch
 
 from support.files.head_volume import head, single, skin
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import Send
+from volsplat.client.coordinator.events.instructions import Send
 from volsplat.client.image.image_file import write_image
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Bounds, Image, Order, Quantise, Scene, Step, View

@@ -37,24 +37,16 @@ from support.messages.coordinated import (
 )
 from support.messages.message_samples import GEOMETRY, IDENTITY, IN_SLABS, QUANTISATION, REGIONS
 from volsplat.client.coordinator.block_depths import BlockDepths
-from volsplat.client.coordinator.coordinator_events import (
+from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
+from volsplat.client.coordinator.events.events import (
     AbortAsked,
-    CutOff,
-    EndFrame,
     Event,
-    FailSession,
     FrameAsked,
-    GiveAnswer,
-    Instruction,
     MessageReceived,
     NobodyJoined,
     PartialImageAsked,
     PlaneAsked,
     PointAsked,
-    PublishImage,
-    ReportLoss,
-    ReportProgress,
-    Send,
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
@@ -63,7 +55,17 @@ from volsplat.client.coordinator.coordinator_events import (
     SliceAsked,
     VolumeAsked,
 )
-from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
+from volsplat.client.coordinator.events.instructions import (
+    CutOff,
+    EndFrame,
+    FailSession,
+    GiveAnswer,
+    Instruction,
+    PublishImage,
+    ReportLoss,
+    ReportProgress,
+    Send,
+)
 from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.server_states import ImageIncomplete, losses
 from volsplat.client.coordinator.servers import KEPT_OUT, LOST_AGAIN, MOST_LOSSES, Servers

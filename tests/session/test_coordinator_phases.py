@@ -27,14 +27,8 @@ from support.messages.coordinated import (
 )
 from support.messages.message_samples import IDENTITY, SAMPLES
 from volsplat.client.coordinator.coordinator import OWNERS
-from volsplat.client.coordinator.coordinator_events import (
-    CutOff,
-    FailSession,
-    FrameAsked,
-    Instruction,
-    PublishImage,
-    ServerJoined,
-)
+from volsplat.client.coordinator.events.events import FrameAsked, ServerJoined
+from volsplat.client.coordinator.events.instructions import CutOff, FailSession, Instruction, PublishImage
 from volsplat.client.coordinator.phase import Phase
 from volsplat.protocol.description.scene import Quantise, Scene, Step
 from volsplat.protocol.messages import messages

@@ -6,8 +6,9 @@ import pytest
 
 from support.messages.coordinated import FIRST, JOINED, SECOND, WHOLE, CheckedCoordinator, joins, said
 from support.messages.message_samples import IDENTITY
-from volsplat.client.coordinator.coordinator_events import Instruction, ReportLoss, Send, ServerJoined, VolumeAsked
 from volsplat.client.coordinator.data_routes import DataRoutes
+from volsplat.client.coordinator.events.events import ServerJoined, VolumeAsked
+from volsplat.client.coordinator.events.instructions import Instruction, ReportLoss, Send
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role

@@ -11,13 +11,8 @@ import pytest
 from support.files.head_volume import head, skin
 from support.messages.coordinated import FIRST, SECOND, SPLAT, WHOLE, drawing, opened_store, said, sent, surveyed
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import (
-    FileVoxelAsked,
-    GiveAnswer,
-    Instruction,
-    NobodyJoined,
-    ServerLost,
-)
+from volsplat.client.coordinator.events.events import FileVoxelAsked, NobodyJoined, ServerLost
+from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction
 from volsplat.client.coordinator.file_voxel_questions import MOST_WAITING
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess

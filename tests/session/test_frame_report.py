@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.coordinator.events.instructions import FrameOutcome
 from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.frame_report import PAPER_SECONDS, FrameReport, report_of, step_table, write_report

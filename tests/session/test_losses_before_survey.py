@@ -27,7 +27,8 @@ from support.messages.coordinated import (
 from support.messages.message_samples import IDENTITY
 from support.programs.server_processes import is_server
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import PublishVolume, ServerLost
+from volsplat.client.coordinator.events.events import ServerLost
+from volsplat.client.coordinator.events.instructions import PublishVolume
 from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.server_states import missing_boxes
 from volsplat.client.session.single import SingleProcess

@@ -26,7 +26,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from tolerances import ROUNDING
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import EndFrame
+from volsplat.client.coordinator.events.instructions import EndFrame
 from volsplat.client.session import asked_images, coordination
 from volsplat.client.session import single as single_process
 from volsplat.client.session.asked_frames import AskedFrames, next_image

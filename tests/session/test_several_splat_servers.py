@@ -35,23 +35,19 @@ from support.messages.drawn import (
     running,
 )
 from support.messages.message_samples import IDENTITY
-from volsplat.client.coordinator.coordinator_events import (
+from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
+from volsplat.client.coordinator.events.events import (
     AbortAsked,
-    EndFrame,
     Event,
-    FailSession,
     FrameAsked,
-    Instruction,
     MessageReceived,
     NobodyJoined,
     PartialImageAsked,
     ProgressAsked,
-    ReportProgress,
-    Send,
     ServerLost,
     VolumeAsked,
 )
-from volsplat.client.coordinator.data_routes import MOST_MADE_ANEW
+from volsplat.client.coordinator.events.instructions import EndFrame, FailSession, Instruction, ReportProgress, Send
 from volsplat.client.coordinator.server_states import ImageIncomplete
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages

@@ -23,17 +23,15 @@ from support.messages.drawn import (
     rectangles,
     running,
 )
-from volsplat.client.coordinator.coordinator_events import (
+from volsplat.client.coordinator.events.events import (
     AbortAsked,
-    EndFrame,
     Event,
     FrameAsked,
     PartialImageAsked,
     ProgressAsked,
-    PublishImage,
-    Send,
     ServerLost,
 )
+from volsplat.client.coordinator.events.instructions import EndFrame, PublishImage, Send
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.message import Message

@@ -24,18 +24,8 @@ from support.messages.coordinated import (
 )
 from support.messages.coordinated import SCENE as DRAWN
 from support.messages.message_samples import IDENTITY
-from volsplat.client.coordinator.coordinator_events import (
-    EndFrame,
-    FrameAsked,
-    Instruction,
-    MessageReceived,
-    PublishImage,
-    ReportProgress,
-    Send,
-    ServerJoined,
-    ServerLost,
-    VolumeAsked,
-)
+from volsplat.client.coordinator.events.events import FrameAsked, MessageReceived, ServerJoined, ServerLost, VolumeAsked
+from volsplat.client.coordinator.events.instructions import EndFrame, Instruction, PublishImage, ReportProgress, Send
 from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Image, Quantise, ScalarTable, Scene, Step

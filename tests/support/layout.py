@@ -42,7 +42,7 @@ FLOORS = {
         "caller histogram phantoms trace",
         "image scene slices ui/doors memory",
         "volume",
-        "coordinator/shares figure",
+        "coordinator/shares coordinator/events figure",
         "coordinator",
         "session",
         "movie gallery export",

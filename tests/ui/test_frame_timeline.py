@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tolerances import ROUNDING
-from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.coordinator.events.instructions import FrameOutcome
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.panels.frame_timeline import (
     MOST_TICKS,

@@ -27,14 +27,8 @@ from support.messages.decoded import decoded
 from support.messages.message_samples import PART, SAMPLES
 from support.patience import wait_until
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import (
-    FailSession,
-    Instruction,
-    MessageReceived,
-    Send,
-    ServerLost,
-    ServerProcessEnded,
-)
+from volsplat.client.coordinator.events.events import MessageReceived, ServerLost, ServerProcessEnded
+from volsplat.client.coordinator.events.instructions import FailSession, Instruction, Send
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.server_links import server_id

@@ -7,16 +7,8 @@ import msgspec
 
 from support.messages.message_samples import IDENTITY
 from volsplat.client.coordinator.coordinator import Coordinator
-from volsplat.client.coordinator.coordinator_events import (
-    Event,
-    FrameAsked,
-    Instruction,
-    MessageReceived,
-    PublishVolume,
-    Send,
-    ServerJoined,
-    VolumeAsked,
-)
+from volsplat.client.coordinator.events.events import Event, FrameAsked, MessageReceived, ServerJoined, VolumeAsked
+from volsplat.client.coordinator.events.instructions import Instruction, PublishVolume, Send
 from volsplat.client.scene.presets import preset_scene
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes

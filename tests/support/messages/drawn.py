@@ -12,13 +12,8 @@ from support.messages.coordinated import (
     drawing,
     said,
 )
-from volsplat.client.coordinator.coordinator_events import (
-    Event,
-    Instruction,
-    MessageReceived,
-    PublishImage,
-    Send,
-)
+from volsplat.client.coordinator.events.events import Event, MessageReceived
+from volsplat.client.coordinator.events.instructions import Instruction, PublishImage, Send
 from volsplat.protocol.description.scene import Image
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE

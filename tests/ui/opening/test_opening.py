@@ -30,13 +30,8 @@ from support.messages.coordinated import (
 )
 from support.patience import wait_until
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import (
-    FolderAsked,
-    GiveAnswer,
-    NobodyJoined,
-    ServerLost,
-    ServerProcessEnded,
-)
+from volsplat.client.coordinator.events.events import FolderAsked, NobodyJoined, ServerLost, ServerProcessEnded
+from volsplat.client.coordinator.events.instructions import GiveAnswer
 from volsplat.client.coordinator.folder_listings import MOST_WAITING
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume

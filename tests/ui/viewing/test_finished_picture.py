@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from support.scenes.arbitrary import plain_scene
-from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.coordinator.events.instructions import FrameOutcome
 from volsplat.client.coordinator.server_states import VolumeIncomplete
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome

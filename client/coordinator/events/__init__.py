@@ -1,0 +1,1 @@
+"""What the coordinator hears, and what it answers: events and instructions."""
