@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import get_args
 
-from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.events.events import (
     Event,
@@ -41,12 +40,13 @@ from volsplat.client.coordinator.events.instructions import (
 from volsplat.client.coordinator.file_voxel_questions import FileVoxelQuestions
 from volsplat.client.coordinator.folder_listings import FolderListings
 from volsplat.client.coordinator.frames import Frames
-from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
+from volsplat.client.coordinator.holding.base_level import budgets
+from volsplat.client.coordinator.holding.phase import SURVEYED_PHASES, Phase
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.reading_ahead import READING_WHAT_WAS_LOST, ReadingAhead
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, handed_over
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.heirs import Boxes, shared_anew, taken_over
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.voxel_questions import VoxelQuestions
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped

@@ -7,9 +7,9 @@ from collections import Counter
 
 from volsplat.client.coordinator.events.events import FileVoxelAsked, MessageReceived
 from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction, Send
+from volsplat.client.coordinator.holding.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.open_questions import AskedOfOne
-from volsplat.client.coordinator.phase import SURVEYED_PHASES
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.handlers import takes

@@ -2,10 +2,10 @@
 
 from volsplat.client.coordinator.events.events import FolderAsked, MessageReceived
 from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction, Send
+from volsplat.client.coordinator.holding.phase import Phase
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.open_questions import AskedOfOne
-from volsplat.client.coordinator.phase import Phase
 from volsplat.client.coordinator.servers import Servers
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.messages.folder_messages import FolderListed, ListFolder
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.roles import Role

@@ -13,12 +13,12 @@ from volsplat.client.coordinator.events.events import (
 )
 from volsplat.client.coordinator.events.instructions import EndFrame, ImagePart, Instruction, ReportProgress, Send
 from volsplat.client.coordinator.hidden_share import HiddenShare
-from volsplat.client.coordinator.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.holding.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.running_frame import RunningFrame, progress_words
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, incomplete
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.region_shares import RegionShares
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.client.volume.computable import computable
 from volsplat.protocol.messages.frame_messages import (

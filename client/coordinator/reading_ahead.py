@@ -2,8 +2,8 @@
 
 from volsplat.client.coordinator.events.events import MessageReceived
 from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.shares.heirs import Boxes
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.volume_messages import AheadRead

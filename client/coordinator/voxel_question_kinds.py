@@ -10,7 +10,7 @@ from typing import Protocol
 
 from volsplat.client.coordinator.events.events import PlaneAsked, PointAsked, SliceAsked
 from volsplat.client.coordinator.events.instructions import Found
-from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.computable import computable

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from volsplat.client.coordinator.events.events import MessageReceived, PlaneAsked, PointAsked, SliceAsked
 from volsplat.client.coordinator.events.instructions import GiveAnswer, Instruction, Send
+from volsplat.client.coordinator.holding.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.open_questions import OpenQuestions
-from volsplat.client.coordinator.phase import SURVEYED_PHASES
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.voxel_question_kinds import Asked, VoxelQuestion, question_for
 from volsplat.client.volume.computable import computable
 from volsplat.protocol.description.scene import Step

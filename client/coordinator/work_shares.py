@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from itertools import chain
 
 from volsplat.client.coordinator.events.instructions import Instruction
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET, BlockWork
 from volsplat.client.coordinator.shares.measured_speeds import MeasuredSpeeds
 from volsplat.client.coordinator.shares.sub_cubes import Share, divided_by_work
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.patches import colourless
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box

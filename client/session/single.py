@@ -21,14 +21,14 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.caller.own_process import OwnProcess
-from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.events.events import MessageReceived
 from volsplat.client.coordinator.events.instructions import Found, FrameOutcome, Instruction, ReportProgress, Send
-from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.holding.base_level import budgets
+from volsplat.client.coordinator.holding.packing import Packing
+from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.running_frame import progress_words
 from volsplat.client.coordinator.shares.region_shares import RegionShares
-from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.voxel_question_kinds import Asked, question_for
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.memory.array_volume import volume_in_memory

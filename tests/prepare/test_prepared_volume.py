@@ -17,7 +17,7 @@ from support.programs.server_processes import is_server
 from support.scenes.level_brightness import ALONG_AXES, OBLIQUE, Bright, measured
 from tolerances import LEVEL_BRIGHTNESS, THIN_LEVEL_BRIGHTNESS
 from volsplat.client import Session
-from volsplat.client.coordinator.base_level import LevelChoice, budgets
+from volsplat.client.coordinator.holding.base_level import LevelChoice, budgets
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene

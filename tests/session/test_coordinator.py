@@ -66,7 +66,7 @@ from volsplat.client.coordinator.events.instructions import (
     ReportProgress,
     Send,
 )
-from volsplat.client.coordinator.phase import Phase
+from volsplat.client.coordinator.holding.phase import Phase
 from volsplat.client.coordinator.server_states import ImageIncomplete, losses
 from volsplat.client.coordinator.servers import KEPT_OUT, LOST_AGAIN, MOST_LOSSES, Servers
 from volsplat.client.histogram.plane_counts import PlaneCounts
@@ -1044,7 +1044,7 @@ def asked_parts(instructions: list[Instruction]) -> list[messages.VolumePart]:
 
 
 def test_one_server_reads_for_all_and_each_gets_one_part_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("volsplat.client.coordinator.lending.PART_BYTES", 400)
+    monkeypatch.setattr("volsplat.client.coordinator.holding.lending.PART_BYTES", 400)
     coordinator = lending()
     told = coordinator.handle(said(FIRST, LENT))
     assert sent(told)[:2] == [(SECOND, messages.AwaitParts), (THIRD, messages.AwaitParts)]

@@ -29,7 +29,7 @@ from support.messages.message_samples import IDENTITY, SAMPLES
 from volsplat.client.coordinator.coordinator import OWNERS
 from volsplat.client.coordinator.events.events import FrameAsked, ServerJoined
 from volsplat.client.coordinator.events.instructions import CutOff, FailSession, Instruction, PublishImage
-from volsplat.client.coordinator.phase import Phase
+from volsplat.client.coordinator.holding.phase import Phase
 from volsplat.protocol.description.scene import Quantise, Scene, Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers

@@ -17,7 +17,7 @@ from support.patience import wait_until
 from support.programs.hand_started import joined_by_hand
 from support.programs.server_processes import is_server
 from volsplat.client import Session
-from volsplat.client.coordinator.lending import parts_of
+from volsplat.client.coordinator.holding.lending import parts_of
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess

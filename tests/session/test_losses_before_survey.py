@@ -29,7 +29,7 @@ from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.coordinator.events.events import ServerLost
 from volsplat.client.coordinator.events.instructions import PublishVolume
-from volsplat.client.coordinator.phase import Phase
+from volsplat.client.coordinator.holding.phase import Phase
 from volsplat.client.coordinator.server_states import missing_boxes
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene

@@ -43,6 +43,7 @@ FLOORS = {
         "image scene slices ui/doors memory",
         "volume",
         "coordinator/shares coordinator/events figure",
+        "coordinator/holding",
         "coordinator",
         "session",
         "movie gallery export",

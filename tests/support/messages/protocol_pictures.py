@@ -10,7 +10,7 @@ from pathlib import Path
 
 from support.generated_docs import Parts, remake
 from volsplat.client.coordinator.coordinator import OWNERS
-from volsplat.client.coordinator.phase import Phase
+from volsplat.client.coordinator.holding.phase import Phase
 from volsplat.protocol.messages.exchanges import EXCHANGES
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.messages.vocabulary import MESSAGES

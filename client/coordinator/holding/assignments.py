@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.holding.packing import Packing
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import VolsplatError
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from volsplat.client.coordinator.base_level import LevelChoice
 from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
-from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.holding.base_level import LevelChoice
+from volsplat.client.coordinator.holding.packing import Packing
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages

@@ -5,17 +5,17 @@ A state machine like the coordinator, which hands it the answers of the servers:
 
 from collections.abc import Mapping
 
-from volsplat.client.coordinator.assignments import NOTHING, Assignments, Held
-from volsplat.client.coordinator.base_level import LevelChoice
 from volsplat.client.coordinator.events.events import MessageReceived
 from volsplat.client.coordinator.events.instructions import Instruction, PublishVolume, ReportLoss, ReportProgress, Send
-from volsplat.client.coordinator.lending import Lending
-from volsplat.client.coordinator.packing import Packing
-from volsplat.client.coordinator.phase import SETTLED, SURVEYED_PHASES, Phase
+from volsplat.client.coordinator.holding.assignments import NOTHING, Assignments, Held
+from volsplat.client.coordinator.holding.base_level import LevelChoice
+from volsplat.client.coordinator.holding.lending import Lending
+from volsplat.client.coordinator.holding.packing import Packing
+from volsplat.client.coordinator.holding.phase import SETTLED, SURVEYED_PHASES, Phase
+from volsplat.client.coordinator.holding.stored_levels import StoredLevels
+from volsplat.client.coordinator.holding.volume_survey import VolumeSurvey
 from volsplat.client.coordinator.shares.moving_costs import MovingCosts
 from volsplat.client.coordinator.shares.sub_cubes import divided
-from volsplat.client.coordinator.stored_levels import StoredLevels
-from volsplat.client.coordinator.volume_survey import VolumeSurvey
 from volsplat.client.volume.survey_checks import check_survey
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
