@@ -124,6 +124,7 @@ class MapShadeServer:
                 pass
         except Exception as error:  # whatever it is: nobody else hears the client
             self._failure = why_unheard(self._client, error)
+            self._client.give_up(str(self._failure))
         self._newest.number = self._newest_assignment = sys.maxsize
         self._requests.end()
         # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.

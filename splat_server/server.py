@@ -113,6 +113,8 @@ class SplatServer:
         receiver.start()
         try:
             self._work()
+        except VolsplatError as error:
+            self._end(error)
         finally:
             self._client.close()
             self._worker_links.close()
@@ -365,6 +367,8 @@ class SplatServer:
             if not self._over:
                 self._over, self._failure = True, failure
                 self._requests.append(None)
+        if failure is not None:
+            self._client.give_up(str(failure))  # so that who follows SIGTERM knows of it, whatever the others are at
         self._news.ring()
 
 

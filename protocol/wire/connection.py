@@ -231,7 +231,7 @@ class Connection:
     @property
     def unread(self) -> bool:
         """Whether something has come that receive() has not taken yet."""
-        return self._channel.holds_unread or self._ready(select.POLLIN)
+        return not self._closed and (self._channel.holds_unread or self._ready(select.POLLIN))
 
     @property
     def hung_up(self) -> bool:

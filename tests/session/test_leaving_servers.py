@@ -33,7 +33,9 @@ from volsplat.protocol.messages.session_messages import (
     EndSession,
     LeaveSession,
     MachineDescribed,
+    NameSession,
 )
+from volsplat.protocol.messages.trace_messages import ReadClock
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.framing import MAGIC
 from volsplat.protocol.wire.heartbeat import Heartbeat
@@ -258,7 +260,10 @@ def client_of(
             with client:
                 client.send(DescribeMachine())
                 assert isinstance(said_by(client), MachineDescribed)
-                yield process, client
+                try:
+                    yield process, client
+                finally:
+                    process.kill()  # if it has not ended
 
 
 @contextmanager
@@ -290,6 +295,63 @@ def test_one_whose_client_has_broken_the_protocol_says_so_before_it_is_told_to_e
         assert b"broke the protocol: magic is 0x00000000" in said and said.endswith(b"; looking for a client again\n")
         process.send_signal(signal.SIGTERM)
         assert (process.wait(PATIENCE), process.stderr.read()) == (0, b"")
+
+
+# Its main thread is at work for ever once the session has a name; its receiving thread fails when asked for the clock.
+FAILS = """
+import sys, threading
+from volsplat.{0} import server
+from volsplat.protocol.messages.trace_messages import ReadClock
+from volsplat.protocol.wire.connection import Connection
+
+receive = Connection.receive
+
+def fails(client):
+    received = receive(client)
+    if isinstance(received.message, ReadClock):
+        raise TypeError("a mistake of ours")
+    return received
+
+Connection.receive = fails
+server.name_session = lambda _: print("at work", file=sys.stderr, flush=True) or threading.Event().wait()
+"""
+MISTAKE = b"TypeError: a mistake of ours"
+
+
+@contextmanager
+def client_of_one_that_fails(program: str) -> Iterator[tuple["subprocess.Popen[bytes]", Connection]]:
+    """At work, until it is asked for the clock. Its client is there all the time."""
+    begin = FAILS.format(program)
+    with client_of(program, begin, subprocess.PIPE) as (process, client), closing(Heartbeat()) as heartbeat:
+        heartbeat.keep(client, None)
+        client.send(NameSession("a"))
+        read_until(process, b"at work")
+        yield process, client
+
+
+def read_until(process: "subprocess.Popen[bytes]", said: bytes) -> None:
+    assert process.stderr is not None
+    while said not in (line := process.stderr.readline()):
+        assert line, "it has ended"
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_one_that_fails_by_itself_does_not_end_as_one_that_was_let_go(program: str) -> None:
+    with client_of_one_that_fails(program) as (process, client):
+        client.send(ReadClock())
+        read_until(process, MISTAKE)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(SOON) == EXIT_TERMINATED
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_nor_does_one_that_fails_while_its_client_has_others_take_over(program: str) -> None:
+    with client_of_one_that_fails(program) as (process, client):
+        process.send_signal(signal.SIGTERM)
+        assert said_by(client) == LeaveSession()
+        client.send(ReadClock())
+        read_until(process, b"the client is not heard any more: " + MISTAKE + f"; {WITHOUT}".encode())
+        assert process.wait(SOON) == EXIT_TERMINATED
 
 
 def test_it_looks_for_no_other_client_however_soon_after_sigterm_its_own_is_lost() -> None:

@@ -201,6 +201,14 @@ def test_what_was_decrypted_and_is_not_taken_yet_is_unread() -> None:
         receiver.join(PATIENCE)
 
 
+def test_nothing_is_unread_once_nobody_reads_any_more() -> None:
+    with linked(HOSTS[-1], Encryption.ALWAYS) as (client, server):
+        client._socket.sendall(b"".join(encrypted(client, messages.AbortFrame(frame)) for frame in (1, 2)))
+        assert server.receive() is not None and server.unread
+        server.close()
+        assert not server.unread
+
+
 def test_whoever_was_held_up_itself_counts_little_of_that_as_silence(ends: tuple[Connection, Connection]) -> None:
     client, _ = ends
     looks: list[float] = []
