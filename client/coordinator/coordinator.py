@@ -9,8 +9,7 @@ lost with a server is taken over by others. A server that says what cannot be, o
 off.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable
 from typing import get_args
 
 from volsplat.client.coordinator.data_routes import DataRoutes
@@ -25,7 +24,6 @@ from volsplat.client.coordinator.events.events import (
     ServerProcessEnded,
     ServersMissing,
     ServingFailed,
-    VolumeAsked,
 )
 from volsplat.client.coordinator.events.instructions import (
     CutOff,
@@ -40,7 +38,7 @@ from volsplat.client.coordinator.events.instructions import (
 from volsplat.client.coordinator.file_voxel_questions import FileVoxelQuestions
 from volsplat.client.coordinator.folder_listings import FolderListings
 from volsplat.client.coordinator.frames import Frames
-from volsplat.client.coordinator.holding.base_level import budgets
+from volsplat.client.coordinator.gathering import Gathering
 from volsplat.client.coordinator.holding.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.reading_ahead import READING_WHAT_WAS_LOST, ReadingAhead
@@ -80,6 +78,7 @@ class Coordinator:
     def __init__(self) -> None:
         self.servers = Servers()
         self.holding = VolumeHolding()
+        self.gathering = Gathering(self.servers, self.holding)
         self.routes = DataRoutes(self.servers)
         self.work = WorkShares(self.holding)
         self.frames = Frames(self.servers, self.routes, self.holding, self.work)
@@ -90,11 +89,9 @@ class Coordinator:
         self._questions = (self.voxel_questions, self.file_questions, self.folders)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
-        self._asked: VolumeAsked | None = None
-        self._few_suffice = False  # to begin: those that are missing are not waited for
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.frames, *self._questions, self.ahead)
+            for owner in (self, self.gathering, self.holding, self.frames, *self._questions, self.ahead)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -172,7 +169,7 @@ class Coordinator:
         self.servers.workers = [*self.servers.workers, *new]
         self.work.forget()
         told = [*self.routes.invite(boxes), *self.routes.connect(new)]
-        return [*told, *self.holding.share(boxes, self._memory(new))]
+        return [*told, *self.holding.share(boxes, self.gathering.memory(new))]
 
     def _all_is_held(self) -> bool:
         """By servers that are there, or missing and known to be."""
@@ -196,7 +193,7 @@ class Coordinator:
     def _machine_described(self, message: MachineDescribed, event: MessageReceived) -> list[Instruction]:
         self.servers.describe(event.server, message)
         if self.holding.phase is Phase.GATHERING:
-            return [*self.folders.send(), *self._gathered()]
+            return [*self.folders.send(), *self.gathering.begin()]
         return self._join(event.server)
 
     def _join(self, server: int) -> list[Instruction]:
@@ -244,9 +241,8 @@ class Coordinator:
         begun = self.holding.lose_unsurveyed(lost.id)
         self.servers.hand_over()
         told = ReportLoss(handed_over(lost))
-        if self.holding.phase is Phase.GATHERING and self._asked is not None:
-            self._asked = replace(self._asked, workers=1)
-            begun = self._gathered()
+        if self.holding.phase is Phase.GATHERING:
+            begun = self.gathering.begin_anew()
         return [told, *self.routes.invite(self.holding.boxes), *begun]
 
     @takes(LeaveSession)
@@ -288,10 +284,7 @@ class Coordinator:
             return []
         if not self._some_are_left():
             return self._fail(PeerLost(event.cause)) if event.given_up else []
-        if not gathers or self._few_suffice:
-            return []
-        self._few_suffice = True
-        return [ReportLoss(f"{event.cause}; the others draw without"), *self._gathered()]
+        return self.gathering.begin_without(event.cause) if gathers else []
 
     @takes(NobodyJoined)
     def _nobody_joined(self, event: NobodyJoined) -> list[Instruction]:
@@ -314,34 +307,6 @@ class Coordinator:
         if self.holding.phase is Phase.GATHERING:
             return all(map(servers.ready, (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER)))
         return bool(servers.splat_servers and (servers.chosen or servers.idle()))
-
-    @takes(VolumeAsked)
-    def _volume_asked(self, event: VolumeAsked) -> list[Instruction]:
-        self._asked = event
-        return self._gathered()
-
-    def _gathered(self) -> list[Instruction]:
-        asked, servers = self._asked, self.servers
-        if self.holding.phase != Phase.GATHERING or asked is None:
-            return []
-        workers, splat_servers = servers.ready(Role.MAPSHADE_SERVER), servers.ready(Role.SPLAT_SERVER)
-        enough = len(workers) >= asked.workers and len(splat_servers) >= asked.splat_servers
-        if not (enough or (self._few_suffice and workers and splat_servers)):
-            missing = (
-                f"{len(workers)} of {asked.workers} map/shade servers, "
-                f"{len(splat_servers)} of {asked.splat_servers} splat server{'s' if asked.splat_servers > 1 else ''}"
-            )
-            return [ReportProgress(f"waiting for servers: {missing} joined")]
-        servers.workers, servers.splat_servers = workers[: asked.workers], splat_servers[: asked.splat_servers]
-        return self.holding.begin(asked.path, self._memory(servers.workers), asked.held)
-
-    def _memory(self, workers: Sequence[int]) -> dict[int, int]:
-        """What of a prepared volume each of these may hold."""
-        servers, asked = self.servers, self._asked
-        if asked is not None and asked.memory is not None:
-            return dict.fromkeys(workers, asked.memory)
-        left = {worker: servers.states[worker].memory_bytes for worker in workers}
-        return budgets(left, {worker: servers.joined[worker].host for worker in left})
 
     # -- what servers say
 
@@ -519,7 +484,16 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, Frames, VoxelQuestions, FileVoxelQuestions, FolderListings, ReadingAhead)
+OWNERS = (
+    Coordinator,
+    Gathering,
+    VolumeHolding,
+    Frames,
+    VoxelQuestions,
+    FileVoxelQuestions,
+    FolderListings,
+    ReadingAhead,
+)
 
 OF_TRACES = frozenset({ClockRead, FrameTraced})  # see client/trace
 OF_DOCTOR = frozenset({LinkMeasured})  # see deploy/doctor
