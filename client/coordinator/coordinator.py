@@ -1,12 +1,13 @@
 """The client's decisions: events in, instructions out. It knows no socket, thread or clock.
 
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
-list of instructions that the session carries out. This file holds the servers and the volume that they share; `frames`
-and the files of questions and listings hold what is asked of it. Each method says which event or message it takes, and
-in which phase that may come (see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join
-and be lost at any time: between two frames those that join get a share of the volume, or of the image, and what was
-lost with a server is taken over by others. A server that says what cannot be, or says it in the wrong phase, is cut
-off.
+list of instructions that the session carries out. This file decides what a server that comes, is lost or refuses means
+for the others; `gathering` decides when the volume is begun, `holding` how it gets to the servers, `sharing_out` when
+parts of it change hands, and `frames` and the files of questions and listings what comes of what is asked. Each method
+says which event or message it takes, and in which phase that may come (see handlers; the table is printed in
+docs/how_it_works/protocol.md). Servers may join and be lost at any time: between two frames those that join get a share
+of the volume, or of the image, and what was lost with a server is taken over by others. A server that says what cannot
+be, or says it in the wrong phase, is cut off.
 """
 
 from collections.abc import Iterable
@@ -41,10 +42,10 @@ from volsplat.client.coordinator.frames import Frames
 from volsplat.client.coordinator.gathering import Gathering
 from volsplat.client.coordinator.holding.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
-from volsplat.client.coordinator.reading_ahead import READING_WHAT_WAS_LOST, ReadingAhead
+from volsplat.client.coordinator.reading_ahead import ReadingAhead
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, handed_over
 from volsplat.client.coordinator.servers import Servers
-from volsplat.client.coordinator.shares.heirs import Boxes, shared_anew, taken_over
+from volsplat.client.coordinator.sharing_out import SharingOut
 from volsplat.client.coordinator.voxel_questions import VoxelQuestions
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
@@ -67,10 +68,6 @@ from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribed
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 
-_STAY = "the sub-cubes stay where they are"
-_ANEW = "the volume is read anew for the next image"
-_NO_HEIR = "nobody takes over what was lost"
-
 
 class Coordinator:
     """The state machine of a session. `handle` is its only door."""
@@ -80,18 +77,18 @@ class Coordinator:
         self.holding = VolumeHolding()
         self.gathering = Gathering(self.servers, self.holding)
         self.routes = DataRoutes(self.servers)
-        self.work = WorkShares(self.holding)
-        self.frames = Frames(self.servers, self.routes, self.holding, self.work)
+        work = WorkShares(self.holding)
+        self.frames = Frames(self.servers, self.routes, self.holding, work)
+        self.sharing = SharingOut(self.servers, self.holding, self.gathering, self.routes, work)
         self.voxel_questions = VoxelQuestions(self.holding)
         self.file_questions = FileVoxelQuestions(self.holding)
         self.folders = FolderListings(self.servers, self.holding)
-        self.ahead = ReadingAhead(self.holding)
         self._questions = (self.voxel_questions, self.file_questions, self.folders)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.gathering, self.holding, self.frames, *self._questions, self.ahead)
+            for owner in (self, self.gathering, self.holding, self.frames, *self._questions, self.sharing.ahead)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -121,60 +118,15 @@ class Coordinator:
         """
         if self.failure is not None:
             return []
-        refused = self._tell_refused()
+        refused = self.sharing.tell_refused()
         resting = self.frames.idle and (self.holding.settled or self.holding.phase is Phase.GATHERING)
         left = self._let_go() if resting and self.servers.all_are_known else []
-        shared = self._share(at_once=bool(left)) if resting and self.failure is None else []
+        shared = list[Instruction]()
+        if resting and self.failure is None:
+            shared = self.sharing.share(at_once=bool(left), may_be_whole=self.frames.may_be_whole)
         self.servers.hold(self.holding.boxes)
         begun = self.frames.begin()
-        return [*refused, *left, *shared, *begun, *([] if self._heals else self.voxel_questions.send())]
-
-    @property
-    def _heals(self) -> bool:
-        """Whether others will hold what is missing: until then nobody knows what is seen first along a line."""
-        return bool(self.servers.missing) and self.holding.assignments.may_move
-
-    def _share(self, at_once: bool) -> list[Instruction]:
-        """Have what was lost taken over, newcomers get a part, or sub-cubes change hands where that pays.
-
-        What was lost is read beside frames first, unless it is to be taken over `at_once`.
-        """
-        holding, newcomers = self.holding, self.servers.idle()
-        if holding.volume is None:
-            return []
-        description = holding.description
-        where = description.geometry, description.chunk
-        if missing := self.servers.missing:
-            if not ((holding.boxes or newcomers) and holding.assignments.may_move):
-                return []
-            return self._make_good(taken_over(missing, holding.boxes, newcomers, *where), at_once)
-        if newcomers and holding.may_change and (anew := shared_anew(holding.boxes, newcomers, *where)):
-            return [ReportProgress("sharing out the volume among more servers"), *self._hold(anew)]
-        return self.work.move()
-
-    def _make_good(self, boxes: Boxes, at_once: bool) -> list[Instruction]:
-        """Have what is missing held as part of these boxes."""
-        asked = [] if at_once else self.ahead.towards(boxes)
-        if asked:
-            self.servers.note_missing("")
-        if asked or (self.ahead.goes_on(boxes) and not at_once) or not self.frames.may_be_whole:
-            return asked
-        self.servers.hand_over()
-        told = [] if self.ahead.ends(boxes) else [ReportProgress(READING_WHAT_WAS_LOST)]
-        return [*told, *self._hold(boxes)]
-
-    def _hold(self, boxes: Boxes) -> list[Instruction]:
-        """Have these boxes held, by servers that may be new."""
-        new = [server for server in boxes if server not in self.holding.boxes]
-        self.servers.workers = [*self.servers.workers, *new]
-        self.work.forget()
-        told = [*self.routes.invite(boxes), *self.routes.connect(new)]
-        return [*told, *self.holding.share(boxes, self.gathering.memory(new))]
-
-    def _all_is_held(self) -> bool:
-        """By servers that are there, or missing and known to be."""
-        held = [*self.servers.missing, *(box for boxes in self.holding.boxes.values() for box in boxes)]
-        return sum(box.voxels for box in held) == self.holding.description.geometry.box.voxels
+        return [*refused, *left, *shared, *begun, *([] if self.sharing.heals else self.voxel_questions.send())]
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
         """Whoever hears that what they wait for will not come finds that the session has failed."""
@@ -228,7 +180,7 @@ class Coordinator:
         if self.holding.volume is None:
             return self._lose_unsurveyed(lost)
         held = self.holding.lose(number)
-        self.ahead.lose(number)
+        self.sharing.ahead.lose(number)
         self.holding.assignments.may_move = True
         told = handed_over(lost)
         invited = self.routes.invite(self.holding.boxes)  # no other's link is kept
@@ -357,7 +309,7 @@ class Coordinator:
         if message.frame:
             return self.frames.end(error) if self.frames.current(message.frame) else []
         if message.request == ReadAhead.__name__:
-            return self._ahead_refused(event.server, error)
+            return self.sharing.ahead_refused(event.server, str(error))
         if message.request == ConnectToSplatServers.__name__:
             return self._link_refused(event.server, error)
         if message.assignment and message.assignment != self.holding.assignments.newest:
@@ -365,17 +317,6 @@ class Coordinator:
         if self.holding.volume is None:
             return self._unsurveyed_refused(event.server, message, error)
         return self._assignment_refused(event.server, message, error) if message.assignment else self._fail(error)
-
-    def _ahead_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
-        if not self.ahead.refused(server):
-            return []
-        self.ahead.ends()
-        self.holding.assignments.may_move = False
-        return [self._left_missing(str(error))]
-
-    def _left_missing(self, why: str) -> Instruction:
-        self.servers.note_missing(why)
-        return ReportLoss(f"{why}; {_NO_HEIR}")
 
     def _link_refused(self, server: int, error: VolsplatError) -> list[Instruction]:
         """It reaches no splat server; the others may, of whom perhaps none has said so yet."""
@@ -410,18 +351,6 @@ class Coordinator:
         waiting = [one.asked.question for one in self.voxel_questions.waiting()]
         ended = [told for question in waiting for told in self.voxel_questions.refused(question, error)]
         return [*self.frames.end(error), *ended]
-
-    def _tell_refused(self) -> list[Instruction]:
-        """Once all have answered: what becomes of an assignment that somebody has refused, and why."""
-        holding, assignments = self.holding, self.holding.assignments
-        if not holding.settled or not (why := assignments.take_refusal()):
-            return []
-        if not self._all_is_held():
-            self.servers.take_back()
-            return [self._left_missing(why)]
-        if not assignments.moving:  # whoever waits for it was told
-            return []
-        return [ReportProgress(f"{why}; {_ANEW if holding.phase is Phase.EMPTY else _STAY}")]
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:
@@ -464,19 +393,18 @@ class Coordinator:
         self.servers.validate_state()
         self.holding.validate_state()
         self.frames.validate_state()
-        self.voxel_questions.validate_state(self._heals)
+        self.voxel_questions.validate_state(self.sharing.heals)
         self.file_questions.validate_state()
         self.folders.validate_state()
-        self.ahead.validate_state()
+        self.sharing.validate_state()
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
         if self.holding.volume is not None:
-            assert self._all_is_held() or not self.holding.settled, "the sub-cubes do not make up the volume"
             may_read = self.servers.idle() and self.frames.idle and self.holding.assignments.may_move
             rests = self.holding.settled and not self.holding.boxes
             assert not (rests and may_read), "nobody reads what all have lost"
             waits = self.frames.idle and self.frames.may_be_whole and self.holding.assignments.may_move
             lacks = self.holding.settled and self.holding.boxes and self.servers.missing and waits
-            assert not lacks or self.ahead.under_way, "nobody reads what was lost"
+            assert not lacks or self.sharing.ahead.under_way, "nobody reads what was lost"
 
 
 def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
