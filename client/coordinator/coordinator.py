@@ -322,21 +322,13 @@ class Coordinator:
         """It reaches no splat server; the others may, of whom perhaps none has said so yet."""
         if not self.routes.refused(server):
             return []  # it has been told since whom it can reach
-        cause = f"{error}{self._other_address(server, error)}"
+        cause = f"{error}{self.routes.cure(server, error)}"
         if server not in self.holding.boxes or len(self.holding.boxes) == 1:
             return self._fail(PeerLost(cause) if isinstance(error, PeerLost) else BadInput(cause))
         self.servers.note_unlinked(server)
         if not self.routes.some_are_linked(self.holding.boxes):
             self.servers.doubt_heirs(server)
         return self._send_off(server, cause)
-
-    def _other_address(self, worker: int, error: VolsplatError) -> str:
-        """A cure where dialling failed between machines: the splat server may be reached by another address."""
-        joined = self.servers.joined
-        between = any(joined[n].elsewhere for n in (worker, *self.servers.splat_servers) if n in joined)
-        if not between or not isinstance(error, PeerLost):
-            return ""
-        return "; or tell the splat server where it is reached: --advertise HOST"
 
     def _unsurveyed_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
         """Without a survey there is nothing to draw; but for what one has no room for others may have some."""

@@ -8,6 +8,7 @@ from volsplat.client.coordinator.events.events import ServerJoined
 from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import Address, everywhere, is_loopback, reached_from
 
 MOST_MADE_ANEW = 3  # times before another frame is whole: then the way between the two is at fault
@@ -42,6 +43,14 @@ class DataRoutes:
             f"{there.name} listens on its own machine alone, at {there.data}, but {here.name} is on another one; "
             f"start the splat server with --listen {quote(str(everywhere(here.host)))}, or --advertise HOST:PORT"
         )
+
+    def cure(self, worker: int, error: VolsplatError) -> str:
+        """What is added to this error: where a splat server was dialled in vain, another address may reach it."""
+        joined = self._servers.joined
+        between = any(joined[n].elsewhere for n in (worker, *self._servers.splat_servers) if n in joined)
+        if not between or not isinstance(error, PeerLost):
+            return ""
+        return "; or tell the splat server where it is reached: --advertise HOST"
 
     def may_link_anew(self, worker: int, splat: int) -> bool:
         return self._made_anew[worker, splat] < MOST_MADE_ANEW
