@@ -6,8 +6,7 @@ import socket
 import time
 from collections.abc import Callable
 
-from volsplat.program.departure import WITHOUT_CLIENT, Departure
-from volsplat.program.exit_status import EXIT_TERMINATED
+from volsplat.program.departure import LOOKS_AGAIN, Departure
 from volsplat.program.server_process import ServerOptions
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
@@ -23,8 +22,6 @@ LONG_PATIENCE = 2.0  # seconds: whoever waits so long should hear what for
 SHORT_SECONDS = 5.0  # a client that was lost sooner than that after it was found …
 MOST_SHORT = 2  # … so many times in a row has no use for this server
 REPEAT_PAUSE_SECONDS = 1.0  # between two looks for a client, where the first was lost or turned this server away
-
-LOOKS_AGAIN = "%s; looking for a client again"
 
 log = logging.getLogger(__name__)
 
@@ -105,7 +102,7 @@ class Clients:
             if self._client is not None:
                 told, last_seen = "", time.monotonic()
             if lost is not None and self._client is not None and self._client.broken:
-                self._tell_breach(lost)  # before SIGTERM ends this server without a word, as one that has no client
+                self._departure.tell_breach(lost)  # before SIGTERM ends it without a word, as one that has no client
                 told = str(lost)
             self._departure.attend(None)
             if self._departure.begun or (lost is None and not (again or self._options.resident)):
@@ -117,13 +114,6 @@ class Clients:
                     log.log(level, LOOKS_AGAIN, lost)
                 told = str(lost)
                 time.sleep(max(0.0, began + REPEAT_PAUSE_SECONDS - time.monotonic()))
-
-    def _tell_breach(self, lost: Exception) -> None:
-        """By the client. Ends this server if it was told to end."""
-        if self._departure.begun:
-            log.warning(WITHOUT_CLIENT, lost)
-            raise SystemExit(EXIT_TERMINATED)
-        log.warning(LOOKS_AGAIN, lost)
 
     def close(self) -> None:
         if self._port is not None:

@@ -24,6 +24,7 @@ LEAVE_SECONDS = 25.0  # for the client: engines give 30 between SIGTERM and SIGK
 LEAVING_SILENCE = 1.5  # seconds, of the client: about three signs of life are missing, and the server is gone within 2
 LOOKS_IN_SILENCE = 6
 WITHOUT_CLIENT = "%s; this server ends without it"
+LOOKS_AGAIN = "%s; looking for a client again"
 
 log = logging.getLogger(__name__)
 
@@ -57,6 +58,15 @@ class Departure:
         if begun and client is not None:
             _say_so(client)
 
+    def tell_breach(self, lost: Exception) -> None:
+        """The client broke the protocol. Ends this server if it was told to end. For the main thread."""
+        with self._lock:  # who follows SIGTERM tells it, or finds it told
+            begun = self.begun
+            log.warning(WITHOUT_CLIENT if begun else LOOKS_AGAIN, lost)
+            self._client = None
+        if begun:
+            raise SystemExit(EXIT_TERMINATED)
+
     def _begin(self, _signal: int, _frame: FrameType | None) -> None:
         if self._client is None:
             raise SystemExit(0)
@@ -66,12 +76,9 @@ class Departure:
         _wait_for_sigterm(signals)
         with self._lock:
             self._begun, client = True, self._client
+            if client is not None:
+                _end_if_gone(client)
         if client is not None:
-            gone = client.loss or client.hung_up  # who would have others take over
-            if client.broken:
-                _end_for(client.loss)
-            if gone:
-                os._exit(EXIT_TERMINATED)
             log.warning(
                 "told to end; while the client is heard, it has up to %g s to have others take over", LEAVE_SECONDS
             )
@@ -91,9 +98,27 @@ class Departure:
                 heard = came != before or (client.unread and not client.hung_up)  # its end is to be read for ever
                 quiet = 0 if heard else quiet + 1
                 if quiet == LOOKS_IN_SILENCE:
-                    _end_without(client)
+                    self._end_without(client)
         log.warning("the client did not let this server go within %g s", LEAVE_SECONDS)
         os._exit(0)
+
+    def _end_without(self, client: Connection) -> None:
+        with self._lock:
+            if self._client is not client:  # the main thread has told why, and ends
+                return
+            if client.closed and not client.loss:  # it has let this server go
+                os._exit(0)
+            silent = f"{client} has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off"
+            _end_for(client.loss or silent)
+
+
+def _end_if_gone(client: Connection) -> None:
+    """End without one that cannot have others take over any more."""
+    gone = client.loss or client.hung_up
+    if client.broken:
+        _end_for(client.loss)
+    if gone:
+        os._exit(EXIT_TERMINATED)
 
 
 def _say_so(client: Connection) -> None:
@@ -104,13 +129,6 @@ def _say_so(client: Connection) -> None:
             client.send(LeaveSession())
 
     threading.Thread(target=say, name="tell the client", daemon=True).start()
-
-
-def _end_without(client: Connection) -> None:
-    if client.closed and not client.loss:  # it has let this server go
-        os._exit(0)
-    silent = f"{client} has said nothing for {LEAVING_SILENCE:g} s: it is frozen, overloaded or cut off"
-    _end_for(client.loss or silent)
 
 
 def _end_for(loss: str) -> NoReturn:

@@ -297,6 +297,30 @@ def test_one_whose_client_has_broken_the_protocol_says_so_before_it_is_told_to_e
         assert (process.wait(PATIENCE), process.stderr.read()) == (0, b"")
 
 
+# It is told to end as soon as it has said why it does without its client.
+TOLD_AFTER_ITS_LINE = """
+import logging, os, signal, threading, time
+
+say = logging.Logger.callHandlers
+
+def say_and_tell_to_end(logger, line):
+    say(logger, line)
+    if threading.current_thread() is threading.main_thread() and "broke the protocol" in line.getMessage():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.2)  # time enough for whoever follows SIGTERM to say it again
+
+logging.Logger.callHandlers = say_and_tell_to_end
+"""
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_one_whose_client_breaks_the_protocol_says_so_once_however_soon_sigterm_comes(program: str) -> None:
+    with client_of(program, TOLD_AFTER_ITS_LINE, stderr=subprocess.PIPE) as (process, client):
+        client._socket.sendall(bytes(16))
+        assert process.wait(PATIENCE) == 0 and process.stderr is not None
+        assert process.stderr.read().count(b"broke the protocol") == 1
+
+
 # Its main thread is at work for ever once the session has a name; its receiving thread fails when asked for the clock.
 FAILS = """
 import sys, threading
