@@ -51,11 +51,14 @@ class Outgoing:
         threading.Thread(target=self._send_posted, name=f"send to {connection.peer}", daemon=True).start()
 
     def post(self, message: messages.Message, *payload: memoryview) -> None:
+        """It goes nowhere where nothing more is sent: its server is lost, as all will hear."""
         with self._changed:
+            if self._ended:
+                return
             if isinstance(message, messages.RenderFrame):
                 newer = [posted for posted in self._posted if not isinstance(posted.message, OF_ONE_FRAME)]
                 self._posted = deque(newer)
-            idle = not (self._ended or self._fault or self._posted or self._sending)
+            idle = not (self._fault or self._posted or self._sending)
             if idle and self._leaves_at_once(message, payload):
                 return
             self._posted.append(_Posted(message, payload))

@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
+from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -192,6 +194,21 @@ def test_closing_the_connection_ends_a_send_that_waits(ends: tuple[Connection, C
     client.close()
     outgoing.flush(time.monotonic() + PATIENCE)
     assert outgoing._ended and not failures
+
+
+def test_what_is_posted_once_nothing_more_is_sent_is_kept_by_nobody(ends: tuple[Connection, Connection]) -> None:
+    """As by who has not heard yet that the server is lost."""
+    client, _ = ends
+    failures: list[Exception] = []
+    outgoing = Outgoing(client, lambda message, error: failures.append(error), failures.append)
+    client.close()
+    outgoing.post(messages.DescribeMachine())
+    wait_until(lambda: outgoing._ended, "has it found the connection closed")
+    part = array("B", bytes(1 << 20))
+    kept = weakref.ref(part)
+    outgoing.post(messages.DescribeMachine(), memoryview(part))
+    del part
+    assert kept() is None and not failures
 
 
 @pytest.mark.parametrize("payloads", [(), (memoryview(bytes(1 << 20)),)], ids=["at once", "by the sending thread"])
