@@ -84,7 +84,12 @@ class ViewportTalk:
         self._send(msgspec.json.encode(message).decode())
 
     def _on_scene(self, state: SceneState) -> None:
-        """Tell of the scene, and before it of the volume if that stands otherwise than was told."""
+        """Tell of the scene, and before it of the volume if that stands otherwise than was told.
+
+        What this viewport's own hand is at it knows, and hears of when it is settled.
+        """
+        if state.by == self._tab and not state.settled and self._up is not None:
+            return
         volume = self._viewing.volume
         up = volume.up_in(state.scene)
         if up != self._up:

@@ -151,6 +151,20 @@ def test_what_a_closed_window_was_at_is_settled(view: Viewed, viewport: Viewport
         pass
 
 
+def test_what_a_hand_is_at_is_told_to_the_other_windows_and_to_its_own_once_it_is_settled(
+    view: Viewed, viewport: Viewport
+) -> None:
+    with view.viewport("watching") as watching:
+        watching.message("scene")
+        for event in range(1, 4):
+            viewport.says("view", **turned(event / 9, event=event, settled=False))
+        viewport.says("view", **turned(0.5, event=4, settled=True))
+        told = [watching.message("scene")["settled"] for _ in range(4)]
+        own = viewport.message("scene")
+    assert told == [False, False, False, True]
+    assert own["settled"] and own["view"]["rotation"] == pytest.approx(turned(0.5, event=4, settled=True)["rotation"])
+
+
 def test_two_tabs_show_one_scene(view: Viewed, viewport: Viewport) -> None:
     with view.viewport("b") as other:
         other.last_picture()
