@@ -162,14 +162,20 @@ async def dragged(tab: Page, moves: int) -> Drag:
     assert box is not None
     middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
     begin = await _bare_place(tab, middle_x, middle_y, radius)
+    # Not by the tab's own mouse, which has the page run two scripts at each move with a button held.
+    hand = await tab.context.new_cdp_session(tab)
+
+    async def point(what: str, n: int) -> None:
+        angle = begin + 2 * math.pi * n / MOVES_OF_A_ROUND
+        x, y = middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle)
+        event = {"type": what, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}
+        await hand.send("Input.dispatchMouseEvent", event)
 
     async def move(n: int) -> None:
-        angle = begin + 2 * math.pi * n / MOVES_OF_A_ROUND
-        await tab.mouse.move(middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle))
+        await point("mouseMoved", n)
 
     rotation = await tab.evaluate(_ROTATION)
-    await move(0)
-    await tab.mouse.down()
+    await point("mousePressed", 0)
     await move(1)
     if await tab.evaluate(_ROTATION) == rotation:
         raise VolsplatError("the pointer that was to turn the volume did not turn it")
@@ -178,7 +184,8 @@ async def dragged(tab: Page, moves: int) -> Drag:
     await tab.wait_for_function(_CAUGHT_UP, timeout=PAGE_WAIT)
     noted = await tab.evaluate(_NOTES)
     moving = await _seen(tab)
-    await tab.mouse.up()
+    await point("mouseReleased", moves + 1)
+    await hand.detach()
     await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
     likeness = ssim(moving, await _seen(tab))
     return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
