@@ -1,4 +1,4 @@
-// The fields that can index the shading tables: volsplat.protocol.description.scene.Field, in its order.
+// The fields that can index the shading tables: volsplat.protocol.description.shading_tables.Field, in its order.
 #pragma once
 
 namespace volsplat {

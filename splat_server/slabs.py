@@ -4,7 +4,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.protocol.description.patches import Patches
-from volsplat.protocol.description.scene import Field, Kernel, SlabKernel
+from volsplat.protocol.description.scene import Kernel, SlabKernel
+from volsplat.protocol.description.shading_tables import Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector

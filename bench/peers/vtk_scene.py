@@ -10,7 +10,9 @@ from vtkmodules.vtkRenderingCore import vtkCamera, vtkColorTransferFunction, vtk
 
 from volsplat.bench.peers.vtk_ray_caster import PlacesCamera, RayCaster, image_data
 from volsplat.bench.ssim import LUMINANCE
-from volsplat.protocol.description.scene import Bounds, Colour, CrossBar, Scene, Tables
+from volsplat.protocol.description.colours import Colour
+from volsplat.protocol.description.scene import Bounds, Scene
+from volsplat.protocol.description.shading_tables import CrossBar, Tables
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector

@@ -2,7 +2,8 @@
 
 from volsplat.bench.tables.scene_tables import SPECULAR_POWER
 from volsplat.client.scene.table_makers import KEY_LIGHT, scalars
-from volsplat.protocol.description.scene import ColourTable, Quantise, ScalarTable, Scene, Shading, Tables
+from volsplat.protocol.description.scene import Quantise, Scene, Shading
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.view_rotation import Quaternion, rotation_from_angles
 
 EMITTED, REFLECTED = 0.12, 0.5

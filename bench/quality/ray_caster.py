@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from volsplat.bench.quality.density_fields import DensityField
-from volsplat.protocol.description.scene import TABLE_ENTRIES, CrossBar, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, CrossBar
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom, screen_rotation

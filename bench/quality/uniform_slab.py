@@ -11,7 +11,8 @@ from volsplat.bench.quality.side_by_side import STEP_G, opened_values
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.scene.table_makers import scalars
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Quantise
+from volsplat.protocol.description.scene import Quantise
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.description.view_rotation import Quaternion
 
 OPACITY = 0.02  # at the greatest density: the slab lets light through from every side

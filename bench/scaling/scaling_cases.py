@@ -13,7 +13,8 @@ from volsplat.bench.tables.record import Figure, figure
 from volsplat.bench.tables.text_table import significant
 from volsplat.bench.timing import interleaved
 from volsplat.client.session.frame_report import StepReport, report_of
-from volsplat.protocol.description.scene import Bounds, ScalarTable, Scene, Tables
+from volsplat.protocol.description.scene import Bounds, Scene
+from volsplat.protocol.description.shading_tables import ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry
 
 VISIBLE_THRESHOLDS = (0.0, 0.25, 0.5, 0.75)  # of the way from the first visible density to the last

@@ -6,7 +6,9 @@ from enum import StrEnum
 from volsplat.client.histogram.density_histogram import DensityHistogram, ct_scale
 from volsplat.client.phantoms import shells_tables
 from volsplat.client.scene.table_makers import KEY_LIGHT
-from volsplat.protocol.description.scene import Colour, ColourTable, ScalarTable, Scene, Shading, Tables
+from volsplat.protocol.description.colours import Colour
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 
 SKIN: Colour = (0.95, 0.77, 0.64)
 BONE: Colour = (0.92, 0.88, 0.78)

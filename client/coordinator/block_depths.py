@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 
 from volsplat.protocol.description.patches import colourless
-from volsplat.protocol.description.scene import SCREEN_FIELDS, Light, Scene, Step
+from volsplat.protocol.description.scene import Light, Scene, Step
+from volsplat.protocol.description.shading_tables import SCREEN_FIELDS
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.frame_messages import DepthsSummed, RenderFrame, SumDepths
 from volsplat.protocol.rules.light_blocks import (

@@ -22,7 +22,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.visible_blocks import opacities
 from volsplat.program.extras import need
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, Field
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 

@@ -15,8 +15,10 @@ from volsplat.client.scene.default_scene import is_shown_as_labels
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.field_axis import FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.colours import Colour
 from volsplat.protocol.description.kind import CLASS_KINDS, Band, Kind
-from volsplat.protocol.description.scene import GRID_FIELDS, TABLE_ENTRIES, Colour, Field, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import GRID_FIELDS, TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import GridAxis
 
 LAST = TABLE_ENTRIES - 1

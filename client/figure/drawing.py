@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 STRAIGHT = 1e-9  # by how much a table's entries leave a straight line by rounding alone
 

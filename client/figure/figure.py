@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from volsplat.protocol.description.colours import colour_from_text
-from volsplat.protocol.description.scene import Colour, Image
+from volsplat.protocol.description.colours import Colour, colour_from_text
+from volsplat.protocol.description.scene import Image
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
     Declared,

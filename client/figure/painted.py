@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from volsplat.client.figure.drawing import Anchor, Area, Box, Drawing, Line, Ramp, Shape, Words
 from volsplat.client.figure.type_faces import advance, runs_of, width_of
 from volsplat.client.image.lettering import canvas_of, pixels_of, write
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 REMEMBERED = 256  # lines of text
 HALO = 0.12  # of the words' size, but at least a pixel

@@ -17,7 +17,7 @@ from volsplat.client.figure.type_faces import Run, runs_of
 from volsplat.client.image.image_file import SCENE_KEY
 from volsplat.client.image.image_formats import need_pdf
 from volsplat.client.image.lettering import BOLD_FONT
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 HALO = 0.24  # of the words' size: the stroke behind them
 STROKE, FILL = 1, 0  # how reportlab renders text

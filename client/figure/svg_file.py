@@ -6,8 +6,7 @@ import base64
 from xml.etree import ElementTree
 
 from volsplat.client.figure.drawing import Area, Box, Drawing, Line, Ramp, Shape, Words
-from volsplat.protocol.description.colours import nearest_hex
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour, nearest_hex
 
 FONTS = "Droid Sans, Helvetica, Arial, sans-serif"
 HALO = 0.24  # of the words' size: the stroke behind them

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.protocol.description.scene import TABLE_ENTRIES
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.rules.index_rules import Survey
 from volsplat.protocol.text.errors import BadInput
 

@@ -15,7 +15,7 @@ from volsplat.client.histogram.density_histogram import (
 )
 from volsplat.client.histogram.value_counts import ValueCounts
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.shading_tables import Field
 from volsplat.protocol.description.volume import HOUNSFIELD, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import Up, upright

@@ -26,7 +26,8 @@ from volsplat.client.image.embedded_picture import SVG, embedded_png
 from volsplat.client.image.image_formats import EXACT, check_writable
 from volsplat.program.temporary_folder import temporary_folder
 from volsplat.program.temporary_name import behind_links
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.colours import Colour
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.client.image.lettering import FONT, canvas_of, extent, pixels_of, write
+from volsplat.protocol.description.colours import Colour
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, Field, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import VolumeDescription
 
 PHASE = "phase"  # what a description calls it

@@ -10,17 +10,10 @@ from typing import Literal, get_args
 import msgspec
 
 from volsplat.client.movie.table_windows import Window, in_window
+from volsplat.protocol.description.colours import Colour
 from volsplat.protocol.description.patches import Patch, Plane
-from volsplat.protocol.description.scene import (
-    Bounds,
-    Colour,
-    ColourTable,
-    Light,
-    ScalarTable,
-    Scene,
-    Tables,
-    View,
-)
+from volsplat.protocol.description.scene import Bounds, Light, Scene, View
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.view_rotation import Quaternion, product
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import ColourTable, Field, ScalarTable
 
 Window = tuple[float, float]
 Point = tuple[float, tuple[float, ...]]  # a position 0..1, and numbers

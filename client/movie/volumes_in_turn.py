@@ -10,7 +10,8 @@ from pathlib import Path
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import Field
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput

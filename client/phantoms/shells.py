@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import torch
 
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, centred_geometry, sheet_positions
-from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, ScalarTable, Tables
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 

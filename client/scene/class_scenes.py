@@ -4,9 +4,10 @@ from volsplat.client.histogram.density_histogram import LAST
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, dimmed, scalars
-from volsplat.protocol.description.colours import colour_from_hex
+from volsplat.protocol.description.colours import Colour, colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable, Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, Tables
 
 SURFACE = 0.85
 RIM = 0.35  # opacity of a band's lowest value, which is an atom's rim

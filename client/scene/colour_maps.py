@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 from volsplat.client.caller.arguments import checked_number
 from volsplat.client.scene.table_makers import GLOW, dimmed
 from volsplat.program.extras import need
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable
+from volsplat.protocol.description.colours import Colour
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import meant
 

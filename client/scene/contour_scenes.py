@@ -12,7 +12,8 @@ from volsplat.client.histogram.density_histogram import LAST
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, scalars
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import Tables
 
 SURFACE = 0.9  # opacity behind a contour
 # Sigma by sigma less where next to nothing is as strong, as in a box that is cut close around a particle.

@@ -3,7 +3,8 @@
 from volsplat.client.histogram.density_histogram import CtScale, ct_scale
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.table_makers import KEY_LIGHT, colours, opacities, scalars
-from volsplat.protocol.description.scene import CrossBar, Field, Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import CrossBar, Field, Tables
 
 
 def _ct(subject: Subject | None) -> CtScale:

@@ -6,18 +6,10 @@ from volsplat.client.histogram.density_histogram import LAST, landmarks
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.class_scenes import class_bytes
 from volsplat.client.scene.table_makers import colours, opacities, scalars
+from volsplat.protocol.description.colours import Colour
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import (
-    Colour,
-    ColourTable,
-    CrossBar,
-    Field,
-    Reconstruction,
-    ScalarTable,
-    Scene,
-    Shading,
-    Tables,
-)
+from volsplat.protocol.description.scene import Reconstruction, Scene, Shading
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 
 GLOWING = Shading(diffuse=False, specular=False, modulation=False)
 DARK = colours((0.0, "#000000"))

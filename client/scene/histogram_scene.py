@@ -7,7 +7,8 @@ from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, opacities, scalars
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 
 LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays if it can
 AIMED_SEEN = 0.35  # at most, if the histogram shows no gap of its own

@@ -7,7 +7,7 @@ left out: on lit surfaces they would be taken for shadows, highlights and bone.
 import math
 from functools import cache
 
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 HUES = 24
 LIGHTNESSES = (0.56, 0.66, 0.76, 0.86)

@@ -5,7 +5,8 @@ from volsplat.client.histogram.subject import Subject, histogram_of
 from volsplat.client.scene.class_scenes import CPK, classes_scene
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, both_sides, colours, dimmed, scalars
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import CrossBar, Field, Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import CrossBar, Field, Tables
 
 
 def molecules_scene(subject: Subject | None) -> Scene:

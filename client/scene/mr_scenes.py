@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from volsplat.client.histogram.density_histogram import LAST, otsu_byte
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.table_makers import KEY_LIGHT, colours, scalars
-from volsplat.protocol.description.scene import Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import Tables
 
 VESSELS = 0.985  # of all voxels are less bright than flowing blood
 LEAST_STEP = 1 / LAST

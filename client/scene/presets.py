@@ -23,7 +23,8 @@ from volsplat.client.scene.mr_scenes import mr_angio_scene, mr_t1_scene, mr_t2_s
 from volsplat.client.scene.seismic_scene import seismic_scene
 from volsplat.client.scene.table_makers import KEY_LIGHT, colours, scalars
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import CrossBar, Field, Scene, Tables, View
+from volsplat.protocol.description.scene import Scene, View
+from volsplat.protocol.description.shading_tables import CrossBar, Field, Tables
 from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import meant

@@ -3,7 +3,8 @@
 from volsplat.client.histogram.density_histogram import zero_position
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.table_makers import KEY_LIGHT, both_sides, colours
-from volsplat.protocol.description.scene import Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import Tables
 
 
 def seismic_scene(subject: Subject | None) -> Scene:

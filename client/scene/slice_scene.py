@@ -3,7 +3,8 @@
 from volsplat.client.histogram.density_histogram import LAST
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.table_makers import colours, scalars
-from volsplat.protocol.description.scene import Scene, Shading, Tables
+from volsplat.protocol.description.scene import Scene, Shading
+from volsplat.protocol.description.shading_tables import Tables
 
 FLESH_HU = (-160.0, 240.0)  # what radiologists window soft tissue to
 ENDS = 0.01  # of the pixels are black, and as many white

@@ -3,7 +3,7 @@
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.presets import PRESETS
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import TABLE_ENTRIES
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 
 LEAST_HOUNSFIELD = 100.0  # from the least to the greatest value: air and tissue are 1000 apart, or a tenth if coarse
 BOTH_SIGNS = (Kind.DIFFERENCE_MAP, Kind.SEISMIC)

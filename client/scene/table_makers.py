@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from volsplat.protocol.description.colours import colour_from_hex
-from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Light, ScalarTable
+from volsplat.protocol.description.scene import Light
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, ScalarTable
 
 KEY_LIGHT = Light(direction=(0.35, 0.45, 1.0))  # a little from the right and above, so that form casts shade
 ENTRY = 1 / (TABLE_ENTRIES - 1)  # from one of a table to the next

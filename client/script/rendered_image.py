@@ -13,7 +13,8 @@ from volsplat.client.script.picture_names import note_written
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.colours import Colour
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:

@@ -4,8 +4,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.client._kernels import PatchTable
+from volsplat.protocol.description.colours import Colour
 from volsplat.protocol.description.patches import Patches
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 
 REMEMBERED = 4  # tables
 

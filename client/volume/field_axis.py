@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import GRID_FIELDS, TABLE_ENTRIES, Field, Quantise
+from volsplat.protocol.description.scene import Quantise
+from volsplat.protocol.description.shading_tables import GRID_FIELDS, TABLE_ENTRIES, Field
 from volsplat.protocol.rules.resolved_view import bounding_radius
 
 LAST = TABLE_ENTRIES - 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 import enum
 
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Quantise
+from volsplat.protocol.description.scene import Quantise
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.messages.frame_messages import ProbedVoxel
 
 _LAST_BYTE = TABLE_ENTRIES - 1

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.rules.index_rules import Quantisation
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from volsplat.client.scene.resized import allowed_zoom
 from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene, View
+from volsplat.protocol.description.scene import Scene, View
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector

@@ -13,7 +13,7 @@ from rich.text import Text
 from volsplat.client.scene.contour_scenes import contour_level
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import TABLE_ENTRIES
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
-from volsplat.protocol.description.scene import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
+from volsplat.protocol.description.shading_tables import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, opacity_of_code

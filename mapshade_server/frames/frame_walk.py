@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.sub_cube import SubCube, mixture_of
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, Field
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda

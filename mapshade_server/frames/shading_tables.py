@@ -11,7 +11,7 @@ from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames.level_light import Look, SeenLevel, eye_along_axes, reflected_in_steps
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
 from volsplat.protocol.description.patches import PLANE_ENTRIES, Patches, colourless
-from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, Field, ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector

@@ -8,7 +8,7 @@ import numpy as np
 
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.block_densities import BLOCK, BlockDensities, Bytes
-from volsplat.protocol.description.scene import TABLE_ENTRIES
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.slab_kernels import LEAST_KNOWN

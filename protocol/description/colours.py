@@ -3,8 +3,10 @@
 import re
 
 from volsplat.protocol.description.css_colours import CSS_COLOURS
-from volsplat.protocol.description.scene import Colour
 
+Colour = tuple[float, float, float]
+
+COLOUR_ALLOWED = '"#rrggbb", a name of CSS or [r, g, b], each 0 to 1'  # where a person gives one
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import msgspec
 
-from volsplat.protocol.description.colours import colour_from_text
+from volsplat.protocol.description.colours import Colour, colour_from_text
 from volsplat.protocol.description.patches import Patch
 from volsplat.protocol.description.python_values import python_value
-from volsplat.protocol.description.scene import Bounds, Colour, ColourTable, ScalarTable, Scene
+from volsplat.protocol.description.scene import Bounds, Scene
 from volsplat.protocol.description.scene_key import Part
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, Quaternion, named_view, rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import meant

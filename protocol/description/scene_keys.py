@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from volsplat.protocol.description.scene import Scene, Tables
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_key import Declared, Key, Part, Section, Widget, declarations
+from volsplat.protocol.description.shading_tables import Tables
 
 
 class SceneKey(NamedTuple):

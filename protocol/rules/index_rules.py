@@ -26,7 +26,7 @@ import msgspec
 
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS, Kind
-from volsplat.protocol.description.scene import TABLE_ENTRIES
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix

@@ -3,16 +3,8 @@
 import msgspec
 
 from volsplat.protocol.description.patches import NO_COLOUR, Patches
-from volsplat.protocol.description.scene import (
-    ColourTable,
-    CrossBar,
-    Field,
-    Light,
-    ScalarTable,
-    Scene,
-    Shading,
-    Step,
-)
+from volsplat.protocol.description.scene import Light, Scene, Shading, Step
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.refinement import STEP_RULES, active_shading

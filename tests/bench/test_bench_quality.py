@@ -22,7 +22,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.centred_grid import centred_geometry
 from volsplat.client.scene.table_makers import scalars
 from volsplat.program import extras
-from volsplat.protocol.description.scene import ScalarTable
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
 

@@ -12,18 +12,8 @@ from volsplat.bench.ssim import luminance, ssim
 from volsplat.bench.views import seen
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import (
-    Bounds,
-    ColourTable,
-    CrossBar,
-    Field,
-    Light,
-    Quantise,
-    ScalarTable,
-    Scene,
-    Shading,
-    Tables,
-)
+from volsplat.protocol.description.scene import Bounds, Light, Quantise, Scene, Shading
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix

@@ -13,16 +13,8 @@ from torch import Tensor
 from support.scenes.arbitrary import plain_scene
 from tolerances import MIRRORED_SILHOUETTE, SAME_SILHOUETTE
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import (
-    Bounds,
-    Kernel,
-    Quantise,
-    Reconstruction,
-    ScalarTable,
-    Scene,
-    Shading,
-    View,
-)
+from volsplat.protocol.description.scene import Bounds, Kernel, Quantise, Reconstruction, Scene, Shading, View
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, rotation_from_option
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
 

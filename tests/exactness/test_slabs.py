@@ -19,17 +19,15 @@ from volsplat.protocol.description.patches import Patch, Plane
 from volsplat.protocol.description.scene import (
     TRAVERSAL_ORDERS,
     Bounds,
-    CrossBar,
-    Field,
     Light,
     Order,
     Reconstruction,
-    ScalarTable,
     Scene,
     SlabKernel,
     Step,
     View,
 )
+from volsplat.protocol.description.shading_tables import CrossBar, Field, ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 

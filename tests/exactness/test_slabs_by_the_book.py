@@ -18,20 +18,16 @@ from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.patches import Plane
 from volsplat.protocol.description.scene import (
     Bounds,
-    ColourTable,
-    CrossBar,
-    Field,
     Image,
     Kernel,
     Order,
     Reconstruction,
-    ScalarTable,
     Scene,
     SlabKernel,
     Step,
-    Tables,
     View,
 )
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution

@@ -32,17 +32,8 @@ from volsplat.client.volume.scales import scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import (
-    ColourTable,
-    CrossBar,
-    Field,
-    Image,
-    Quantise,
-    ScalarTable,
-    Scene,
-    Tables,
-    View,
-)
+from volsplat.protocol.description.scene import Image, Quantise, Scene, View
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
 from volsplat.protocol.geometry import matrices

@@ -23,7 +23,8 @@ from volsplat.client.memory.array_volume import Volume
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable
 
 SIDE = 128  # pixels
 AIMED_LONGER_SIDE = 0.9  # of half of all pictures

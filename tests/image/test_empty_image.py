@@ -9,7 +9,7 @@ import pytest
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.image.empty_image import why_empty
-from volsplat.protocol.description.scene import ScalarTable
+from volsplat.protocol.description.shading_tables import ScalarTable
 
 NOTHING = np.zeros((4, 4, 4), np.float32)
 

@@ -24,7 +24,8 @@ from volsplat.client.image import image_file
 from volsplat.client.image.image_file import read_properties, read_scene, write_pixels
 from volsplat.client.image.image_file import write_image as write
 from volsplat.client.image.image_formats import IMAGE_FORMATS, check_writable
-from volsplat.protocol.description.scene import ColourTable, Image, ScalarTable, Scene, Tables
+from volsplat.protocol.description.scene import Image, Scene
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.text.errors import BadInput
 
 __all__ = ["small_disk"]

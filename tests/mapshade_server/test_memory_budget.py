@@ -18,7 +18,8 @@ from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.protocol.description.scene import Image, ScalarTable, Step
+from volsplat.protocol.description.scene import Image, Step
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput

@@ -15,7 +15,6 @@ from tolerances import ROUNDING
 from volsplat.protocol.description.scene import (
     TRAVERSAL_ORDERS,
     Bounds,
-    ColourTable,
     Order,
     PaperStep,
     Refine,
@@ -24,6 +23,7 @@ from volsplat.protocol.description.scene import (
     Step,
     View,
 )
+from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.frame_plan import CELLS_IN_A_SHEET, FramePlan, Reach, opacity_exponent, plan_frame

@@ -7,21 +7,8 @@ from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene, situations
 from tolerances import ROUNDING
-from volsplat.protocol.description.scene import (
-    TABLE_ENTRIES,
-    ColourTable,
-    CrossBar,
-    Field,
-    Image,
-    Kernel,
-    Light,
-    Quantise,
-    Reconstruction,
-    ScalarTable,
-    Scene,
-    Shading,
-    View,
-)
+from volsplat.protocol.description.scene import Image, Kernel, Light, Quantise, Reconstruction, Scene, Shading, View
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, CrossBar, Field, ScalarTable
 from volsplat.protocol.description.volume import Geometry
 
 

@@ -21,7 +21,8 @@ from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.up_guess import guessed_up
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, View
+from volsplat.protocol.description.scene import Scene, Shading, View
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
 from volsplat.protocol.geometry import matrices

@@ -16,7 +16,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.client.volume.visible_part import extent_from, extent_in_a_turn, fitting_view, visible_points
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import Bounds, CrossBar, Field, Scene, View
+from volsplat.protocol.description.scene import Bounds, Scene, View
+from volsplat.protocol.description.shading_tables import CrossBar, Field
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.index_rules import Quantisation

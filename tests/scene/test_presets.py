@@ -28,7 +28,8 @@ from volsplat.client.scene.presets import PRESETS, fits, preset_scene
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.scene import CrossBar, Field, Scene, View
+from volsplat.protocol.description.scene import Scene, View
+from volsplat.protocol.description.shading_tables import CrossBar, Field
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.text.errors import BadInput

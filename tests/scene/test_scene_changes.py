@@ -9,7 +9,8 @@ import pytest
 from volsplat.client.scene.colour_maps import COLLECTIONS, colormap
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml
-from volsplat.protocol.description.scene import ColourTable, ScalarTable, Shading
+from volsplat.protocol.description.scene import Shading
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable
 from volsplat.protocol.text.errors import BadInput
 
 SCENE = preset_scene("ct-skin")

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from support.scenes.scenes import scenes
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml, scene_toml
-from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Tables, View
+from volsplat.protocol.description.scene import Scene, View
 from volsplat.protocol.description.scene_key import Part, declarations
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS
+from volsplat.protocol.description.shading_tables import ColourTable, Field, ScalarTable, Tables
 from volsplat.protocol.text.errors import BadInput
 
 BASE = Scene(

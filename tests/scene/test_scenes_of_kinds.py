@@ -16,9 +16,10 @@ from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.glow_scenes import phase_colours
 from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
-from volsplat.protocol.description.colours import colour_from_hex
+from volsplat.protocol.description.colours import Colour, colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import Colour, Field, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import Field
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry import matrices

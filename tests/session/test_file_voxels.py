@@ -17,7 +17,8 @@ from volsplat.client.coordinator.file_voxel_questions import MOST_WAITING
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.file_voxel import FileVoxel
-from volsplat.protocol.description.scene import Quantise, ScalarTable, Scene
+from volsplat.protocol.description.scene import Quantise, Scene
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput, PeerLost
 

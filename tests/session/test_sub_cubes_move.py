@@ -25,7 +25,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.protocol.description.scene import Image, ScalarTable, Scene, Step, View
+from volsplat.protocol.description.scene import Image, Scene, Step, View
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role

@@ -12,7 +12,8 @@ from volsplat.client.ui.tables.field_histograms import field_histogram
 from volsplat.client.volume.field_axis import field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Quantise
+from volsplat.protocol.description.scene import Quantise
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules.index_rules import Survey, grid_index_bytes
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from volsplat.client.image.image_file import coded
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.ui.viewing.picture_encoding import encoded, screen_levels
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 # Halfway between two levels either is right, and a whole background would differ.
 channels = st.floats(0, 1, width=32).filter(lambda value: abs(255 * value % 1 - 0.5) > 1e-3)

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
-from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, View
+from volsplat.protocol.description.scene import Scene, Shading, View
+from volsplat.protocol.description.shading_tables import ScalarTable
 
 
 class Edit:

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.visible_blocks import block_shares, opacities
 from volsplat.protocol.description.block_extremes import block_dims, block_size
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.rules.resolved_view import resolved_bounds
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.hand_led import HandLed
 from volsplat.client.ui.doors.static_files import MODULES
-from volsplat.protocol.description.colours import colour_from_hex, nearest_hex
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.colours import Colour, colour_from_hex, nearest_hex
+from volsplat.protocol.description.scene import Scene
 
 
 class ColourSwatch(HandLed, component="colour_swatch_component.js", esm=MODULES):

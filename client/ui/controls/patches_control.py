@@ -15,8 +15,9 @@ from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.field_axis import field_axis
 from volsplat.protocol.description.patches import Patches
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Scene
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import KEYS
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, Field
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 if TYPE_CHECKING:

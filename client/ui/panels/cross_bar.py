@@ -6,8 +6,9 @@ from nicegui import context, ui
 
 from volsplat.client.ui.controls.controls import SceneEditor, show_prop
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import KEYS, TABLE_WORDS, TABLES, why_unused
+from volsplat.protocol.description.shading_tables import Field
 
 ALONE = (Field.DENSITY, Field.STRENGTH)  # the others come in groups of three
 GROUPS = {"gradient": Field.GRADIENT_I, "screen": Field.SCREEN_X, "grid": Field.GRID_I}  # and with which each begins

@@ -8,8 +8,8 @@ from volsplat.client.image.phase_wheel import DEGREES, wheel_colours
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.colours import nearest_hex
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.colours import Colour, nearest_hex
+from volsplat.protocol.description.scene import Scene
 
 _STYLE = STATIC / "controls" / "phase_legend.css"
 

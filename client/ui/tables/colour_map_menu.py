@@ -15,8 +15,8 @@ from volsplat.client.scene.colour_maps import colormap, colormap_names, colours_
 from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.client.ui.tables.table_edits import simplified
 from volsplat.protocol.description.colours import nearest_hex
-from volsplat.protocol.description.scene import Tables
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
+from volsplat.protocol.description.shading_tables import Tables
 from volsplat.protocol.text.errors import BadInput
 
 BOTH = "both"

@@ -6,7 +6,8 @@ import numpy as np
 
 from volsplat.client.histogram.density_histogram import summed_by_byte
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Field, Quantise
+from volsplat.protocol.description.scene import Quantise
+from volsplat.protocol.description.shading_tables import Field
 
 
 def strength_counts(volume: SurveyedVolume) -> tuple[int, ...]:

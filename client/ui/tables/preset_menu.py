@@ -12,7 +12,8 @@ from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.ui.controls.controls import show_prop
 from volsplat.client.ui.tables.table_edits import value_at
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import ColourTable, Field, Quantise, Scene
+from volsplat.protocol.description.scene import Quantise, Scene
+from volsplat.protocol.description.shading_tables import ColourTable, Field
 
 FROM_DATA = "from the data"
 SAMPLES = 32  # of a strip of colours

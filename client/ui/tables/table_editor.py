@@ -11,7 +11,7 @@ from nicegui.events import GenericEventArguments
 from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.client.ui.tables.scene_tables import IndexedBy
 from volsplat.client.ui.tables.table_edits import Table, table_from_points
-from volsplat.protocol.description.scene import ColourTable
+from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.text.errors import BadInput
 
 

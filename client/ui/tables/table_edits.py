@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
+from volsplat.protocol.description.colours import Colour
 from volsplat.protocol.description.patches import Patches
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable, ScalarTable
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, ScalarTable
 
 LAST = TABLE_ENTRIES - 1
 FREEHAND_BOUND = 1 / 512  # half a level of 8 bits: what thinning may change in any entry

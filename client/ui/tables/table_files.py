@@ -6,8 +6,9 @@ import tomllib
 
 from volsplat.client.scene.scene_file import scene_from_toml, toml_value
 from volsplat.client.ui.tables.table_edits import Table
-from volsplat.protocol.description.scene import ColourTable, Scene
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS
+from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.text.errors import BadInput
 
 

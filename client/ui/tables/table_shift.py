@@ -6,7 +6,8 @@ import msgspec
 
 from volsplat.client.ui.tables.table_edits import shifted
 from volsplat.client.ui.viewing.scene_model import MOST_UNDONE
-from volsplat.protocol.description.scene import Field, Scene, Tables
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import Field, Tables
 
 replace = msgspec.structs.replace
 _DIGITS = 9  # of a share of the axis: pushes that cancel each other out are none

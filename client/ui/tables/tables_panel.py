@@ -33,8 +33,9 @@ from volsplat.client.ui.tables.table_shift import TableShift, by_density
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState, but_for_view
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene, Tables
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
+from volsplat.protocol.description.shading_tables import Tables
 
 STYLE = STATIC / "tables" / "table_editor.css"
 LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones

@@ -11,7 +11,7 @@ from PIL import Image as PillowImage
 
 from volsplat.client.image.image_file import coded
 from volsplat.client.session.published_image import PublishedImage
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 JPEG_QUALITY = 85
 ENLARGED_JPEG_QUALITY = 95  # of what is shown larger, blocks and all

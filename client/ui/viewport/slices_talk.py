@@ -19,7 +19,8 @@ from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.message_base import framed
 from volsplat.client.ui.viewport.slice_messages import SlicesAsked, VoxelTold, slice_header, voxel_told
-from volsplat.protocol.description.scene import SCREEN_FIELDS, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import SCREEN_FIELDS
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import VolsplatError
 

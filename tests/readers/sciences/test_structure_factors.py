@@ -21,7 +21,8 @@ from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.open_volume import parts_of
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Image, ScalarTable, Scene, Tables
+from volsplat.protocol.description.scene import Image, Scene
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.geometry import matrices
 

@@ -6,7 +6,7 @@ import OpenImageIO as oiio
 import torch
 from torch import Tensor
 
-from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.colours import Colour
 
 
 def read_image(path: Path) -> Tensor:

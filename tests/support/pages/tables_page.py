@@ -25,7 +25,8 @@ from volsplat.client.ui.tables.tables_panel import TablesPanel
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import ColourTable, Quantise, ScalarTable, Scene, Tables
+from volsplat.protocol.description.scene import Quantise, Scene
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules.index_rules import Survey
 

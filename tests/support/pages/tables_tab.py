@@ -20,7 +20,8 @@ from support.pages.tables_page import SCENE, State
 from support.patience import PATIENCE
 from tolerances import ONE_PIXEL_OF_A_TABLE
 from volsplat.client.ui.tables.table_edits import Table
-from volsplat.protocol.description.scene import Scene, Tables
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import Tables
 
 if TYPE_CHECKING:
     from playwright.sync_api import FloatRect, Locator, Page

@@ -5,18 +5,9 @@ import math
 
 from hypothesis import strategies as st
 
-from volsplat.protocol.description.scene import (
-    Bounds,
-    Colour,
-    ColourTable,
-    Image,
-    Order,
-    Reconstruction,
-    ScalarTable,
-    Scene,
-    Tables,
-    View,
-)
+from volsplat.protocol.description.colours import Colour
+from volsplat.protocol.description.scene import Bounds, Image, Order, Reconstruction, Scene, View
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix

@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from support.scenes.phantoms import shaded_scene
-from volsplat.protocol.description.scene import Kernel, Reconstruction, ScalarTable, Scene, View
+from volsplat.protocol.description.scene import Kernel, Reconstruction, Scene, View
+from volsplat.protocol.description.shading_tables import ScalarTable
 
 SIZE, PIXELS = 32, 72
 EIGHTH = math.pi / 8

@@ -8,21 +8,17 @@ from by_the_book.tables import Patch
 from volsplat.protocol.description.patches import Patch as ScenePatch
 from volsplat.protocol.description.scene import (
     Bounds,
-    ColourTable,
-    CrossBar,
-    Field,
     Image,
     Kernel,
     Light,
     Order,
     Reconstruction,
-    ScalarTable,
     Scene,
     Shading,
     Step,
-    Tables,
     View,
 )
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
 from volsplat.protocol.rules.footprint_shape import kernel_radius

@@ -3,18 +3,8 @@
 import torch
 from torch import Tensor
 
-from volsplat.protocol.description.scene import (
-    ColourTable,
-    CrossBar,
-    Field,
-    Image,
-    Light,
-    Order,
-    ScalarTable,
-    Scene,
-    Tables,
-    View,
-)
+from volsplat.protocol.description.scene import Image, Light, Order, Scene, View
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.rules.index_rules import Quantisation
 
 # Densities are bytes already; the strength suits edges as steep as those of `shells`.

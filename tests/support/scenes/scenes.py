@@ -4,20 +4,17 @@ from hypothesis import strategies as st
 
 from volsplat.protocol.description.scene import (
     Bounds,
-    ColourTable,
-    CrossBar,
     Image,
     Kernel,
     Light,
     Quantise,
     Reconstruction,
     Refine,
-    ScalarTable,
     Scene,
     Shading,
-    Tables,
     View,
 )
+from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, ScalarTable, Tables
 
 units = st.floats(0, 1)
 hex_channels = st.integers(0, 255).map(lambda n: n / 255)

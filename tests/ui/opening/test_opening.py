@@ -43,7 +43,8 @@ from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.scene import ScalarTable, Scene
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.folder_messages import MOST_ENTRIES
 from volsplat.protocol.text.errors import BadInput, PeerLost

@@ -15,7 +15,7 @@ from support.pages.tables_tab import Tab, box, until
 from tolerances import ONE_LEVEL
 from volsplat.client.scene.colour_maps import COLLECTIONS, colormap, colormap_names, lit_and_glowing
 from volsplat.client.ui.tables import colour_map_menu
-from volsplat.protocol.description.scene import ColourTable
+from volsplat.protocol.description.shading_tables import ColourTable
 
 if TYPE_CHECKING:
     from playwright.sync_api import FloatRect, Locator

@@ -11,7 +11,8 @@ from support.pages.browser import close_tab
 from support.pages.tables_page import SCENE, WINDOW
 from support.pages.tables_tab import TITLES, Tab, box, until
 from volsplat.client.ui.tables.table_edits import shifted
-from volsplat.protocol.description.scene import Scene, Tables
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import Tables
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator

@@ -11,7 +11,7 @@ from tolerances import ROUNDING
 from volsplat.client.ui.tables import table_edits
 from volsplat.client.ui.tables.table_edits import FREEHAND_BOUND, LAST, MOST_STEPS, Channels, Table
 from volsplat.protocol.description.patches import Patch
-from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, ScalarTable
+from volsplat.protocol.description.shading_tables import TABLE_ENTRIES, ColourTable, ScalarTable
 
 tables = colour_tables() | scalar_tables()
 units = st.floats(0, 1)

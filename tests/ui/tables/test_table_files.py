@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from support.scenes.scenes import scenes
 from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
 from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
-from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Tables
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.text.errors import BadInput
 
 NAMES = ("emit", "refl", "opac", "modu")

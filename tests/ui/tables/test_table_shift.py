@@ -12,7 +12,8 @@ from volsplat.client.ui.tables.preset_menu import FROM_DATA, OfferedPresets
 from volsplat.client.ui.tables.table_edits import shifted
 from volsplat.client.ui.tables.table_shift import TableShift, by_density
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.protocol.description.scene import Quantise, ScalarTable, Scene
+from volsplat.protocol.description.scene import Quantise, Scene
+from volsplat.protocol.description.shading_tables import ScalarTable
 
 SHARES = st.integers(-255, 255).map(lambda steps: steps / 510)
 

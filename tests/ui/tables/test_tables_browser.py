@@ -9,7 +9,7 @@ from support.pages.tables_page import SCENE, VOLUME, WINDOW
 from support.pages.tables_tab import TITLES, Tab, box, near, until
 from tolerances import ONE_PIXEL_OF_A_TABLE, ROUNDING
 from volsplat.client.volume.field_axis import field_axis
-from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.shading_tables import Field
 
 STRENGTHS = field_axis(VOLUME, Field.STRENGTH, SCENE.quantise)
 COUNTING = """

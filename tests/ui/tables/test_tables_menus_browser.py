@@ -16,7 +16,7 @@ from tolerances import FREEHAND_PIXELS, ROUNDING
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.ui.tables.table_edits import Table, constant, inverted, mirrored, ramp, steps
 from volsplat.client.ui.tables.table_files import table_toml
-from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.shading_tables import Field
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
