@@ -12,7 +12,7 @@ from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_links import LinkReport
 from volsplat.client.session.frame_report import PAPER_SECONDS, StepReport
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 
 MEGA = 1e6
 CAPTION = (

@@ -24,7 +24,8 @@ from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import StepReport, report_of
 from volsplat.client.session.session import Session
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 
 VIEWS_OF_A_TURN = 24
 FIRST = 2  # views that are not counted: regions are cut by the frame before

@@ -20,7 +20,8 @@ from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.messages.image_messages import RGBA_BYTES, ImageRead, RawPixels
 from volsplat.splat_server.image_coder import ImageCoder

@@ -28,7 +28,8 @@ from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.frame_report import PAPER_SECONDS, STEP_WORDS
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.this_machine import this_machine
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 # Rows of the paper whose ratio says what more machines brought: above, below.

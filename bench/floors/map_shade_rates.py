@@ -15,7 +15,8 @@ from volsplat.bench.timing import interleaved, thread_seconds
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Order, Scene, View
 from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing

@@ -14,7 +14,8 @@ from torch import Tensor
 from volsplat.bench import _kernels as floors
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.bench.timing import interleaved, ratios, thread_seconds
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, View
 from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.footprint_shape import footprint_shape

@@ -15,7 +15,8 @@ from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 
 SINGLE, SERVERS, VTK = "volsplat, 1 process", "volsplat, servers", "VTK"
 

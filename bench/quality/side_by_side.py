@@ -19,7 +19,8 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.program.extras import need
-from volsplat.protocol.description.scene import Reconstruction, Scene, SlabKernel, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Reconstruction, Scene, SlabKernel
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.text.errors import BadInput
 

@@ -14,7 +14,8 @@ from typing import Any, TypeGuard, TypeVar
 import msgspec
 
 from volsplat.protocol.description.python_values import python_value
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.byte_sizes import bytes_from_option

@@ -18,7 +18,7 @@ from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.server_options import Servers, server_options
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
-from volsplat.protocol.description.scene import FinestStep, Step
+from volsplat.protocol.description.refinement_steps import FinestStep, Step
 
 
 @helped("volsplat gallery plates", "volsplat gallery plates --data measured --size 1024")

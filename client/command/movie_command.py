@@ -29,7 +29,8 @@ from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_
 from volsplat.client.movie.volumes_in_turn import OWN_STRENGTHS, check_at_hand, renderers_in_turn, shows_strengths
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
 FRAMES = 120

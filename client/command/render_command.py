@@ -30,7 +30,8 @@ from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 
 PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the servers start
 

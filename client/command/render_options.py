@@ -25,7 +25,8 @@ from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.volume.surveyed_volume import SurveyedVolume, asking_for_fit, showing_all
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
-from volsplat.protocol.description.scene import LARGEST_EXTENT, PaperStep, Scene
+from volsplat.protocol.description.refinement_steps import PaperStep
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.description.scene_keys import KEYS
 from volsplat.protocol.description.view_rotation import rotation_from_option
 from volsplat.protocol.description.volume import LONGEST_AXIS, Index

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from volsplat.client.image.image_formats import check_picture_writable, check_writable
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8
 from volsplat.protocol.text.open_streams import stream_number

@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 
 from volsplat.protocol.description.patches import colourless
-from volsplat.protocol.description.scene import Light, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Light, Scene
 from volsplat.protocol.description.shading_tables import SCREEN_FIELDS
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.frame_messages import DepthsSummed, RenderFrame, SumDepths

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from volsplat.client.coordinator.events.instructions import FrameOutcome, ImagePart, PublishImage
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE

@@ -15,7 +15,7 @@ from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.computable import computable
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed

@@ -11,7 +11,7 @@ from volsplat.client.coordinator.holding.volume_holding import VolumeHolding
 from volsplat.client.coordinator.open_questions import OpenQuestions
 from volsplat.client.coordinator.voxel_question_kinds import Asked, VoxelQuestion, question_for
 from volsplat.client.volume.computable import computable
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages.frame_messages import VoxelProbed
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.plane_messages import PlaneCounted

@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.rules.resolved_view import screen_rotation
 from volsplat.protocol.rules.shading_rule import shading_rule
 

@@ -22,7 +22,8 @@ from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.temporary_folder import temporary_folder
 from volsplat.protocol.description.colours import Colour
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput

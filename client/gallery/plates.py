@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from volsplat.client.image.contact_sheet import CAPTIONS
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 
 SCENES = Path(__file__).parent / "scenes"
 

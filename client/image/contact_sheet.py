@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from volsplat.client.image.image_file import write_pixels
 from volsplat.client.image.picture_sheet import SheetPicture, picture_sheet
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 
 COLUMNS = 3
 

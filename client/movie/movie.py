@@ -28,7 +28,8 @@ from volsplat.client.movie.movie_formats import check_movie_writable, frame_imag
 from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
 from volsplat.program.temporary_name import behind_links, take_mode, temporary_name
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 

@@ -2,7 +2,8 @@
 
 import msgspec
 
-from volsplat.protocol.description.scene import PaperStep, Scene
+from volsplat.protocol.description.refinement_steps import PaperStep
+from volsplat.protocol.description.scene import Scene
 
 WATCHED_FROM = PaperStep.C  # shading by tables costs nothing, so that a person need not wait for light until E
 

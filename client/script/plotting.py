@@ -29,7 +29,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
 GRACE_SECONDS = 600.0

@@ -21,7 +21,8 @@ from volsplat.client.session.turns import Turn, Urgency
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.program.counts import Counts
 from volsplat.program.room_for_image import check_room_for_image
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 
 log = logging.getLogger(__name__)

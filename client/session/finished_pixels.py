@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.renderer import Finisher
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 
 
 def finished_pixels(

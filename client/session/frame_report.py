@@ -14,7 +14,8 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import MapShadeStats, SlabStages, SplatStats
 from volsplat.protocol.rules.refinement import PAPER_STEPS, active_shading, coarser, same_picture

@@ -29,7 +29,8 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import ImageRead, ProbedVoxel
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning

@@ -57,7 +57,8 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import mixture_of
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.program.machine_limits import available_memory
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages

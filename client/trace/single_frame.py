@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.program.frame_spans import FrameSpans
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 
 
 def note_frame(

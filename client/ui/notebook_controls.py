@@ -16,7 +16,8 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.step_states import StepsState, step_letters
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import FinestStep, Scene, Step
+from volsplat.protocol.description.refinement_steps import FinestStep, Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
 from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.text.errors import BadInput

@@ -24,7 +24,8 @@ from volsplat.client.volume.visible_part import (
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS, Kind
 from volsplat.protocol.description.patches import Plane, colourless
-from volsplat.protocol.description.scene import Quantise, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Quantise, Scene, View
 from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry.upright import Up

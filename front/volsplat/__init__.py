@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from volsplat.client.session.asked_frames import FrameGivenUp as FrameGivenUp
     from volsplat.client.session.session import Session as Session
     from volsplat.client.session.session import Session as open
+    from volsplat.protocol.description.refinement_steps import Step as Step
     from volsplat.protocol.description.scene import Scene as Scene
-    from volsplat.protocol.description.scene import Step as Step
     from volsplat.protocol.text.errors import BadInput as BadInput
     from volsplat.protocol.text.errors import VolsplatError as VolsplatError
 
@@ -46,7 +46,7 @@ _ROOMS = {
     "RenderedImage": "volsplat.client.script.rendered_image",
     "Scene": "volsplat.protocol.description.scene",
     "Session": "volsplat.client.session.session",
-    "Step": "volsplat.protocol.description.scene",
+    "Step": "volsplat.protocol.description.refinement_steps",
     "UnsuitedPreset": "volsplat.client.script.plotting",
     "Volume": "volsplat.client.memory.array_volume",
     "VolsplatError": "volsplat.protocol.text.errors",

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from volsplat.protocol.description.colours import COLOUR_ALLOWED, Colour
 from volsplat.protocol.description.patches import Plane
+from volsplat.protocol.description.refinement_steps import FINEST_WORDS, FinestStep, PaperStep
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
     Buttons,
@@ -41,39 +42,6 @@ class Order(StrEnum):
 
 TRAVERSAL_ORDERS = (Order.BACK_TO_FRONT, Order.FRONT_TO_BACK)
 ORDER_WORDS = {Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front to back"}
-
-
-class Step(StrEnum):
-    """The paper's six steps of successive refinement, and G, which classifies and lights what it has reconstructed."""
-
-    A = "A"
-    B = "B"
-    C = "C"
-    D = "D"
-    E = "E"
-    F = "F"
-    G = "G"
-
-
-class PaperStep(StrEnum):
-    """Those of the paper."""
-
-    A = "A"
-    B = "B"
-    C = "C"
-    D = "D"
-    E = "E"
-    F = "F"
-
-
-class FinestStep(StrEnum):
-    """Those that a refinement may end with."""
-
-    F = "F"
-    G = "G"
-
-
-FINEST_WORDS = {FinestStep.F: "refine to F", FinestStep.G: "refine to G"}
 
 
 class Shading(Part, frozen=True):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.message import Detail, LevelNumber
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame

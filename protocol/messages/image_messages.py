@@ -5,7 +5,8 @@ from typing import Annotated, ClassVar
 import msgspec
 from msgspec import Meta
 
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
     BlockCount,

@@ -12,7 +12,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA

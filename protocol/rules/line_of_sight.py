@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from volsplat.protocol.description.scene import Order, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Order, Scene
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame

@@ -3,7 +3,8 @@
 import msgspec
 
 from volsplat.protocol.description.patches import NO_COLOUR, Patches
-from volsplat.protocol.description.scene import Light, Scene, Shading, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Light, Scene, Shading
 from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector

@@ -23,7 +23,8 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, VoxelBatchCoder, coder_of
 from volsplat.mapshade_server.links.shaded_part import ShadedPart, parts_of
-from volsplat.protocol.description.scene import Bounds, Image, Order, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Image, Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import BatchPart

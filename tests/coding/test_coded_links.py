@@ -20,7 +20,8 @@ from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK
 from volsplat.mapshade_server.links.data_link import DataLink, Sent
 from volsplat.mapshade_server.links.link_coding import BYTES_WITHOUT_WAIT, RAW, CodingChoice
 from volsplat.mapshade_server.links.shaded_part import parts_of
-from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

@@ -16,7 +16,7 @@ from volsplat.client.command.deploy_command import deploy
 from volsplat.client.command.help_page import OTHERS, HelpedCommand
 from volsplat.mapshade_server.command import mapshade_server
 from volsplat.mapshade_server.prepare.command import prepare_command
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.splat_server.command import splat_server
 
 HELPED = [

@@ -21,7 +21,8 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import FinestStep, Kernel, PaperStep, Quantise, Refine, Scene, Step
+from volsplat.protocol.description.refinement_steps import FinestStep, PaperStep, Step
+from volsplat.protocol.description.scene import Kernel, Quantise, Refine, Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import nearest
 

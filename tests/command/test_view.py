@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from reference import mapping
 from support.scenes.arbitrary import plain_scene, quaternions, situations
 from tolerances import A_LATTICE_STEP, DDA_DRIFT, HALF_A_LATTICE_STEP, ROUNDING
-from volsplat.protocol.description.scene import Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.frame_plan import plan_frame

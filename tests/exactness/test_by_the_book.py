@@ -26,7 +26,8 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.patches import Plane
-from volsplat.protocol.description.scene import Bounds, Image, Kernel, Order, Shading, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Image, Kernel, Order, Shading, View
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.footprint_shape import kernel_radius

@@ -17,14 +17,8 @@ from tolerances import (
     OPACITY_CODE,
     STRIDES,
 )
-from volsplat.protocol.description.scene import (
-    TRAVERSAL_ORDERS,
-    Order,
-    Reconstruction,
-    Scene,
-    Step,
-    View,
-)
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Order, Reconstruction, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Vector, rotation_from_quaternion
 from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA

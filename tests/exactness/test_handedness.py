@@ -8,7 +8,8 @@ from torch import Tensor
 from support.scenes.phantoms import shaded_scene, shells
 from support.scenes.rendering import rendered
 from tolerances import HANDEDNESS
-from volsplat.protocol.description.scene import Order, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector

@@ -11,7 +11,8 @@ from support.scenes.arbitrary import plain_scene
 from support.scenes.rays import MATRICES, OBLIQUE, constant
 from support.scenes.rendering import rendered
 from tolerances import CODED_DIRECTION, ONE_LEVEL, ROUNDED_COLOUR
-from volsplat.protocol.description.scene import Light, PaperStep, Refine, Scene, Shading, Step, View
+from volsplat.protocol.description.refinement_steps import PaperStep, Step
+from volsplat.protocol.description.scene import Light, Refine, Scene, Shading, View
 from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry

@@ -16,16 +16,8 @@ from support.scenes.phantoms import shaded_scene, shells
 from support.scenes.rendering import rendered
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL
 from volsplat.mapshade_server import _kernels as mapshade_kernels
-from volsplat.protocol.description.scene import (
-    TRAVERSAL_ORDERS,
-    Bounds,
-    Order,
-    Reconstruction,
-    Scene,
-    SlabKernel,
-    Step,
-    View,
-)
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Reconstruction, Scene, SlabKernel, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA

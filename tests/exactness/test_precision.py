@@ -15,7 +15,8 @@ from support.scenes.rays import constant, crossing
 from support.scenes.rendering import rendered
 from support.thoroughness import examples
 from tolerances import MISMATCHED_AXIS_ALIGNED, MISMATCHED_OBLIQUE, ONE_LEVEL, SLAB_RIPPLE, STRIDES
-from volsplat.protocol.description.scene import Kernel, Reconstruction, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Kernel, Reconstruction, View
 from volsplat.protocol.description.volume import Geometry
 
 ZOOMS = (0.95, 1.73, 2.01, 2.3, 4.3, 7.7)

@@ -22,7 +22,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.answers.probe import front_most
 from volsplat.mapshade_server.frames.shading_tables import opacity_codes
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import Bounds, Quantise, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Quantise, Scene, View
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.messages.messages import ProbedVoxel

@@ -18,7 +18,8 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_toml
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Image, Quantise, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Quantise, Scene, View
 from volsplat.protocol.description.view_rotation import named_view, rotation_from_option
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 

@@ -20,7 +20,8 @@ from tolerances import (
     ROUNDING,
     SAME_NUMBERS,
 )
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Reconstruction, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Reconstruction, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.levels import Thinning, own_resolution
 from volsplat.protocol.rules.refinement import PAPER_STEPS

@@ -16,6 +16,7 @@ from support.scenes.rendering import rendered
 from support.thoroughness import examples
 from tolerances import FEW_TIES, MEAN_RING, MISMATCHED_SLABS, ONE_LEVEL, UNEVEN_BALL, UNEVEN_BALL_OVERSHOT
 from volsplat.protocol.description.patches import Patch, Plane
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import (
     TRAVERSAL_ORDERS,
     Bounds,
@@ -24,7 +25,6 @@ from volsplat.protocol.description.scene import (
     Reconstruction,
     Scene,
     SlabKernel,
-    Step,
     View,
 )
 from volsplat.protocol.description.shading_tables import CrossBar, Field, ScalarTable

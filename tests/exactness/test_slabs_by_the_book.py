@@ -16,17 +16,8 @@ from support.scenes.rendering import rendered
 from tolerances import ONE_LEVEL
 from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.patches import Plane
-from volsplat.protocol.description.scene import (
-    Bounds,
-    Image,
-    Kernel,
-    Order,
-    Reconstruction,
-    Scene,
-    SlabKernel,
-    Step,
-    View,
-)
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Image, Kernel, Order, Reconstruction, Scene, SlabKernel, View
 from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation

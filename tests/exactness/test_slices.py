@@ -19,7 +19,8 @@ from volsplat.client.slices.slice_picture import MISSING, slice_picture
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.mapshade_server.answers.slice_parts import THICKNESS, slice_parts
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing

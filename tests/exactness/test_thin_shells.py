@@ -7,7 +7,8 @@ from torch import Tensor
 
 from support.scenes.arbitrary import plain_scene, quaternions
 from support.scenes.rendering import rendered
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Order, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import Reach, plan_frame
 

@@ -13,7 +13,8 @@ from support.scenes.arbitrary import plain_scene, quaternion_to
 from support.scenes.rays import OBLIQUE, constant, pixels_per_index
 from support.scenes.rendering import rendered
 from tolerances import ROUNDED_COLOUR
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, View
 from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.description.volume import Geometry
 

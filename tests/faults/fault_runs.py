@@ -37,7 +37,8 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.server_command import Program
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.text.errors import VolsplatError
 
 SIZE = (48, 56, 50)  # voxels

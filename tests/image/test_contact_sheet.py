@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from support.files.images import read_image
 from volsplat.client.image.contact_sheet import CAPTIONS, StepPicture, contact_sheet, write_contact_sheet
 from volsplat.client.image.picture_sheet import LARGEST_SIDE, LEAST_WIDTH, PAPER, SheetPicture, picture_sheet
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.text.errors import BadInput
 
 

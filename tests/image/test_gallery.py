@@ -33,7 +33,8 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene, View
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 

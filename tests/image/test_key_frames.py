@@ -15,7 +15,8 @@ from tolerances import ROTATION_ENTRY, ROUNDING
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.movie.key_frames import TURNING_AXES, TurningAxis, key_framed, rotation_between, turntable
 from volsplat.client.movie.table_windows import in_window
-from volsplat.protocol.description.scene import Bounds, Light, Quantise, Reconstruction, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Light, Quantise, Reconstruction, Scene, View
 from volsplat.protocol.description.shading_tables import ScalarTable, Tables
 from volsplat.protocol.description.table_points import interpolated
 from volsplat.protocol.description.view_rotation import Quaternion, rotation_from_angles

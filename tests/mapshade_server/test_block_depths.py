@@ -19,7 +19,8 @@ from support.messages.coordinated import (
 )
 from volsplat.client.coordinator.events.events import FrameAsked, MessageReceived, ServerLost
 from volsplat.client.coordinator.events.instructions import CutOff, EndFrame, Instruction, Send
-from volsplat.protocol.description.scene import Light, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Light, Scene, View
 from volsplat.protocol.description.shading_tables import CrossBar, Field, ScalarTable
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput

@@ -36,7 +36,8 @@ from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import DEFAULT_VOXELS, FrameWalk, sample_reach
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_part import parts_of
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, View
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages.drawing import Drawing

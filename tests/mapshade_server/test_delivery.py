@@ -20,7 +20,8 @@ from volsplat.mapshade_server._kernels import Batch, ChannelOutlet, Crew, Delive
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.channels import BLOCK_BYTES
 from volsplat.mapshade_server.links.shaded_part import parts_of
-from volsplat.protocol.description.scene import Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Order, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame

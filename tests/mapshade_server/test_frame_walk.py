@@ -16,7 +16,8 @@ from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk, sample_reach
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_part import parts_of
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame

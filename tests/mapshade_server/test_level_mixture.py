@@ -14,7 +14,8 @@ from support.scenes.level_packets import FACTORS, SIZES, as_packets, drawn_packe
 from volsplat.mapshade_server._kernels import MixtureEntries, mixture_of
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.level_mixture import LevelMixture
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.shading_tables import CrossBar, Field
 from volsplat.protocol.rules.packet_layout import BIN_BITS, NO_DATA_BIN, STRENGTH_BINS, strength_bin
 from volsplat.protocol.rules.shading_rule import ShadingRule, shading_rule

@@ -18,7 +18,8 @@ from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.protocol.description.scene import Image, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
@@ -52,7 +53,7 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk
 from volsplat.mapshade_server.held.memory_budget import bytes_to_walk_slabs
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.index_rules import Quantisation

@@ -11,7 +11,7 @@ from support.scenes.shadings import patches
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.protocol.description.patches import Patch, Patches, greatest_opacity
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.rules.shading_rule import shading_rule
 
 EXACT = 1e-12

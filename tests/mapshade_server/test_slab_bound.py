@@ -12,7 +12,7 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.frames.slab_bound import most_needed
 from volsplat.mapshade_server.held.block_densities import BLOCK
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.index_rules import Quantisation

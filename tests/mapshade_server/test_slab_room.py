@@ -10,7 +10,8 @@ from support.scenes.arbitrary import plain_scene
 from volsplat.mapshade_server.frames.slab_bound import most_needed
 from volsplat.mapshade_server.held.memory_budget import LIST_BYTES, MemoryBudget, bytes_to_walk_slabs
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.protocol.description.scene import Reconstruction, SlabKernel, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Reconstruction, SlabKernel
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages

@@ -22,7 +22,8 @@ from volsplat.mapshade_server.prepare.halving import halved_second
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels, read_scalars
-from volsplat.protocol.description.scene import Image, Quantise, Refine, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Quantise, Refine, Scene, View
 from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT

@@ -30,7 +30,8 @@ from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
-from volsplat.protocol.description.scene import Image, Quantise, Reconstruction, Refine, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Quantise, Reconstruction, Refine, Scene, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.messages import CountHistograms, LevelBoxes, OpenPackets, VoxelsPacked
 from volsplat.protocol.text.errors import BadInput

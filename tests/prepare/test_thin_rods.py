@@ -16,7 +16,8 @@ from volsplat.client.scene.table_makers import colours, opacities
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
-from volsplat.protocol.description.scene import Image, Scene, Shading, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene, Shading, View
 from volsplat.protocol.description.shading_tables import Tables
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry

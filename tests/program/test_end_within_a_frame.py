@@ -16,7 +16,8 @@ c.__cxa_atexit(ctypes.cast(c.usleep, ctypes.c_void_p), ctypes.c_void_p(300_000),
 import numpy as np
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import View
 
 def draw():
     single = SingleProcess(np.random.default_rng(1).random((128, 128, 128), np.float32), threads=3)

@@ -11,7 +11,8 @@ from reference import mapping
 from reference.footprint import footprint_of, integral, projection
 from support.scenes.arbitrary import geometries, plain_scene, quaternions
 from tolerances import PROFILE, QUADRATURE, ROUNDING, SUM_OVER_PIXELS
-from volsplat.protocol.description.scene import Kernel, Reconstruction, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Kernel, Reconstruction, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.footprint_shape import (
     DEFAULT_RADIUS,

@@ -12,17 +12,8 @@ from hypothesis import strategies as st
 from reference import mapping, shading
 from support.scenes.arbitrary import plain_scene, situations
 from tolerances import ROUNDING
-from volsplat.protocol.description.scene import (
-    TRAVERSAL_ORDERS,
-    Bounds,
-    Order,
-    PaperStep,
-    Refine,
-    Scene,
-    Shading,
-    Step,
-    View,
-)
+from volsplat.protocol.description.refinement_steps import PaperStep, Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Refine, Scene, Shading, View
 from volsplat.protocol.description.shading_tables import ColourTable
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA

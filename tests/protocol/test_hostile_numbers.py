@@ -22,7 +22,8 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.answers.probe import front_most
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.protocol.description.scene import Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene, View
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

@@ -22,7 +22,8 @@ from tolerances import MIDDLE_OF_FOOTPRINT, ONE_LEVEL, STRIDES
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.halving import halved
 from volsplat.mapshade_server.prepare.layout import halved_geometry
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Reconstruction, Shading, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Reconstruction, Shading, View
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector

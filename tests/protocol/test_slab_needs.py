@@ -8,7 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene, turns
-from volsplat.protocol.description.scene import Reconstruction, SlabKernel, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Reconstruction, SlabKernel, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import IDENTITY, Vector

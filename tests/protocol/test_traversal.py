@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from reference import mapping
 from support.scenes.arbitrary import plain_scene, quaternion_to, situations
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Order, Scene, View
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import Resolution

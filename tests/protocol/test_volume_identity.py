@@ -38,7 +38,8 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile, disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
-from volsplat.protocol.description.scene import Quantise, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Quantise, Scene
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput

@@ -8,7 +8,8 @@ from torch import Tensor
 
 from reference import mapping, render, shading, voxel_packets
 from reference.footprint import footprint_of
-from volsplat.protocol.description.scene import Bounds, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from reference import combining, mapping, shading, voxel_packets
 from reference.footprint import Footprint, footprint_of
-from volsplat.protocol.description.scene import Order, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Order, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach, plan_frame
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS

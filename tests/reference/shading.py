@@ -5,7 +5,8 @@ from torch import Tensor
 
 from reference import voxel_packets
 from reference.plane import plane_table
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.shading_tables import ColourTable, Field, ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices

@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from reference import shading
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.frame_plan import plan_frame

@@ -19,7 +19,8 @@ from reference.plane import plane_table
 from reference.shading import OPPOSITE
 from reference.slab_kernels import slab_density
 from reference.slab_light import BlockLight, block_light
-from volsplat.protocol.description.scene import Scene, SlabKernel, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene, SlabKernel
 from volsplat.protocol.description.shading_tables import ColourTable, Field, ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices

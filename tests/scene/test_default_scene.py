@@ -17,7 +17,8 @@ from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.histogram_scene import LEAST_SEEN, MOST_SEEN
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Image, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene, View
 from volsplat.protocol.description.shading_tables import Field
 from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.description.volume import Geometry, VolumeDescription

@@ -10,7 +10,8 @@ from volsplat.client.image.image_file import over_background
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Image, Light, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Light, Scene, View
 from volsplat.protocol.description.scene_keys import KEYS
 from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.view_rotation import rotation_from_angles

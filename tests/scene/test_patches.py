@@ -15,7 +15,8 @@ from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
 from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.visible_blocks import opacities
 from volsplat.protocol.description.patches import MOST_PATCHES, Patch, Patches, Plane
-from volsplat.protocol.description.scene import Order, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Order
 from volsplat.protocol.description.scene_keys import TABLES, why_unused
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.refinement import active_shading

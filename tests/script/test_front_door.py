@@ -31,7 +31,8 @@ from volsplat.client.scene.lit_from import lit_from
 from volsplat.client.script import page_window, plotting
 from volsplat.client.script.notebook_cells import in_notebook
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import PaperStep, Refine
+from volsplat.protocol.description.refinement_steps import PaperStep
+from volsplat.protocol.description.scene import Refine
 
 Z, Y, X = np.mgrid[:16, :16, :16] - 8
 BALL = vs.Volume((X * X + Y * Y + Z * Z < 30).astype(np.uint8) * 200, spacing=(1, 1, 1), name="ball")

@@ -15,7 +15,8 @@ from volsplat.client import Session
 from volsplat.client.coordinator.events.instructions import Send
 from volsplat.client.image.image_file import write_image
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Bounds, Image, Order, Quantise, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Image, Order, Quantise, Scene, View
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.text.errors import BadInput, VolsplatError

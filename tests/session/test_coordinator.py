@@ -71,7 +71,8 @@ from volsplat.client.coordinator.server_states import ImageIncomplete, losses
 from volsplat.client.coordinator.servers import KEPT_OUT, LOST_AGAIN, MOST_LOSSES, Servers
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

@@ -30,7 +30,8 @@ from volsplat.client.coordinator.coordinator import OWNERS
 from volsplat.client.coordinator.events.events import FrameAsked, ServerJoined
 from volsplat.client.coordinator.events.instructions import CutOff, FailSession, Instruction, PublishImage
 from volsplat.client.coordinator.holding.phase import Phase
-from volsplat.protocol.description.scene import Quantise, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Quantise, Scene
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.messages.message import Message

@@ -17,7 +17,7 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import PaperStep, Step
+from volsplat.protocol.description.refinement_steps import PaperStep, Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.messages.messages import ImageRead, LinkStats, MapShadeStats, RawPixels, SlabStages, SplatStats
 from volsplat.protocol.rules.index_rules import Survey

@@ -19,7 +19,8 @@ from volsplat.bench.slow_link import slow_link
 from volsplat.client import Session
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Image, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene, View
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.tokens import new_token
 

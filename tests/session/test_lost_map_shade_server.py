@@ -21,7 +21,8 @@ from volsplat.client import Session
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.renderer import Refinement, finished_whole
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Bounds, Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Image, Scene
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS

@@ -18,7 +18,8 @@ from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError

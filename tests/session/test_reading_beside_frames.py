@@ -14,7 +14,8 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 
 zarr = pytest.importorskip("zarr")
 

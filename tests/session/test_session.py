@@ -32,7 +32,8 @@ from volsplat.client.session import single as single_process
 from volsplat.client.session.asked_frames import AskedFrames, next_image
 from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.message import LARGEST_ID
 from volsplat.protocol.messages.roles import Role

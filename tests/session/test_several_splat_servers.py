@@ -49,7 +49,7 @@ from volsplat.client.coordinator.events.events import (
 )
 from volsplat.client.coordinator.events.instructions import EndFrame, FailSession, Instruction, ReportProgress, Send
 from volsplat.client.coordinator.server_states import ImageIncomplete
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import lines_of
 

@@ -32,7 +32,7 @@ from volsplat.client.coordinator.events.events import (
     ServerLost,
 )
 from volsplat.client.coordinator.events.instructions import EndFrame, PublishImage, Send
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.message import Message
 

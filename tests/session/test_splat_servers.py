@@ -14,7 +14,8 @@ from volsplat.client import Session
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.frame_links import links_of
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Scene, View
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.roles import Role

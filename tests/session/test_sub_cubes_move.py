@@ -25,7 +25,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.wanted_reader import GivenUp
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.protocol.description.scene import Image, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene, View
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages

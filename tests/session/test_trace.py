@@ -20,7 +20,8 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.server_clocks import ServerClock
 from volsplat.program.frame_spans import FrameSpans
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.trace_messages import MOST_SPANS, ClockRead, FrameTraced, ReadClock, ReadTrace, Span
 from volsplat.protocol.text.errors import BadInput

@@ -28,7 +28,8 @@ from volsplat.client.coordinator.events.events import FrameAsked, MessageReceive
 from volsplat.client.coordinator.events.instructions import EndFrame, Instruction, PublishImage, ReportProgress, Send
 from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import Image, Quantise, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Quantise, Scene
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages

@@ -34,7 +34,8 @@ from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.channels import shared_channels
 from volsplat.mapshade_server.links.shaded_part import parts_of
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role

@@ -13,7 +13,7 @@ from volsplat.bench.hosts.namespaces import why_no_lab
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import SOONER, PartialPace
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.rules.regions import Rectangle
 
 __all__ = ["head"]

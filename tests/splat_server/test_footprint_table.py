@@ -17,7 +17,8 @@ from support.scenes.owned import Drawing, owners
 from support.scenes.row_runs import FARTHEST
 from support.thoroughness import examples
 from tolerances import CONE_TIP, PROJECTION, SUM_OVER_PIXELS, UNITY_ROUNDED_POSITIONS
-from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS, DOCUMENTED_RIPPLE, FootprintShape, footprint_shape

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from support.patience import PATIENCE
 from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.image_receiver import ImageReceiver
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, RawPixels, ReadImage, SharedPixels
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.image_tiles import IMAGE_TILE_SIDE, image_tiles, tile_bytes

@@ -21,7 +21,8 @@ from support.scenes.row_runs import FARTHEST, Dot, Run, mirrored, runs_of_sample
 from support.thoroughness import examples
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL, SPLAT_FLOAT32
 from volsplat.bench.floors.cpu_paths import kernels_on
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach, plan_frame

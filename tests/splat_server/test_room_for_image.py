@@ -9,7 +9,7 @@ from volsplat.client.memory.array_volume import Volume
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.session.single import SingleProcess
 from volsplat.program import machine_limits
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.text.errors import BadInput
 
 SIDE = 2048

@@ -30,7 +30,8 @@ from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import QUICK, BatchCoder
 from volsplat.mapshade_server.links.shaded_part import parts_of
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

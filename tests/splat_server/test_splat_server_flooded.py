@@ -14,7 +14,8 @@ import pytest
 from support.patience import PATIENCE, wait_until
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.shares.region_shares import RegionShares
-from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

@@ -11,7 +11,8 @@ from support.scenes.arbitrary import index_to_physical, plain_scene, quaternions
 from support.scenes.owned import Drawing, batch_of, owners, wait_until_complete
 from support.scenes.row_runs import Dot, Run
 from tolerances import EDGE_ANGLE, SPLAT_FLOAT32
-from volsplat.protocol.description.scene import Bounds, Image, Order, Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Bounds, Image, Order, Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix

@@ -31,7 +31,8 @@ from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.step_states import step_title
 from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
 from volsplat.client.ui.viewport.viewport_messages import picture_message
-from volsplat.protocol.description.scene import Bounds, Light, PaperStep, Refine, Scene, Shading, Step
+from volsplat.protocol.description.refinement_steps import PaperStep, Step
+from volsplat.protocol.description.scene import Bounds, Light, Refine, Scene, Shading
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS, same_picture
 from volsplat.protocol.text.errors import PeerLost, VolsplatError

@@ -25,7 +25,7 @@ from volsplat.client.ui.panels.frame_timeline import (
     timeline_svg,
 )
 from volsplat.program.this_machine import this_machine
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages.messages import MapShadeStats, SlabStages, SplatStats
 
 seconds = st.just(0.0) | st.floats(1e-9, 1e5)

@@ -21,7 +21,7 @@ from volsplat.client.ui.viewing.pacing import (
     Rung,
     ladder,
 )
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 
 SECONDS = st.floats(1e-4, 10.0)

@@ -30,7 +30,8 @@ from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.controls.text_field import shown_number
 from volsplat.client.ui.panels.light_controls import screen_direction
-from volsplat.protocol.description.scene import Bounds, FinestStep, Kernel, Order, Scene, Step
+from volsplat.protocol.description.refinement_steps import FinestStep, Step
+from volsplat.protocol.description.scene import Bounds, Kernel, Order, Scene
 from volsplat.protocol.description.scene_keys import KEYS, TABLE_WORDS
 from volsplat.protocol.description.shading_tables import Field
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view

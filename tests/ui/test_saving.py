@@ -37,7 +37,8 @@ from volsplat.client.ui.viewing.saving import (
     scene_in_file,
     scene_link,
 )
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 

@@ -33,7 +33,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.server_links import server_id
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.exchanges import EXCHANGES, Exchanges

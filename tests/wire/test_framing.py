@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from support.messages.decoded import decoded
 from support.messages.message_samples import SAMPLES, STRATEGIES, framed, lawful_kinds, sample_bytes, speech_for
 from support.thoroughness import examples
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT
 from volsplat.protocol.messages import greetings, messages
 from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.message import Message

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from support.patience import PATIENCE
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError

@@ -3,7 +3,8 @@
 import secrets
 from dataclasses import dataclass, field
 
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role

@@ -6,7 +6,7 @@ from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import Rectangle

@@ -6,7 +6,8 @@ from dataclasses import replace
 from volsplat.client.coordinator.events.instructions import Instruction, ReportProgress, Send
 from volsplat.client.coordinator.holding.base_level import LevelChoice
 from volsplat.client.coordinator.holding.packing import Packing
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.index_rules import Quantisation

@@ -18,7 +18,8 @@ from volsplat.client.coordinator.shares.moving_costs import MovingCosts
 from volsplat.client.coordinator.shares.sub_cubes import divided
 from volsplat.client.volume.survey_checks import check_survey
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.drawing import Drawing

@@ -12,7 +12,8 @@ from nicegui.element import Element
 from volsplat.client.ui.controls.throttle import Throttle
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame
 

@@ -18,7 +18,7 @@ from volsplat.client.ui.panels.cross_bar import cross_bar
 from volsplat.client.ui.panels.light_controls import light_controls
 from volsplat.client.ui.panels.view_controls import center_fields, move_buttons, side_buttons, up_menu
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import FinestStep, Step
+from volsplat.protocol.description.refinement_steps import FinestStep, Step
 from volsplat.protocol.description.scene_key import PartOf, Switch
 from volsplat.protocol.description.scene_keys import KEYS, SceneKey
 

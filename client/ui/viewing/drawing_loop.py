@@ -23,7 +23,7 @@ from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS, distinct_steps, drawn_alike, finer, finest_step
 from volsplat.protocol.text.errors import VolsplatError
 

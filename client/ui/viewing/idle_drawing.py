@@ -7,7 +7,8 @@ from volsplat.client.session.session import Session
 from volsplat.client.session.turns import Urgency
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 
 
 class IdleDrawing:

@@ -12,7 +12,7 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneState
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.rules.refinement import finest_step
 from volsplat.protocol.rules.regions import Rectangle
 

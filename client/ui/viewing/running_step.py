@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.rules.refinement import distinct_steps, drawn_alike, finest_step
 
 

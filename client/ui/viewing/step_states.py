@@ -9,7 +9,8 @@ from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.rules.refinement import coarser
 
 

@@ -19,7 +19,8 @@ from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.scales import Scale, scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.value_certainty import Certainty, density_certainty, strength_certainty
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix

@@ -16,7 +16,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.molecules.atom_density import BAND, CLASSES, MOST_VOXELS_ASIDE
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 

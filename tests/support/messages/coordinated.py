@@ -12,7 +12,8 @@ from volsplat.client.coordinator.events.instructions import Instruction, Publish
 from volsplat.client.scene.presets import preset_scene
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role

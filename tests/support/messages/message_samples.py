@@ -14,7 +14,8 @@ from support.scenes.arbitrary import geometries, situations
 from support.scenes.scenes import scenes
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.shading_tables import ColourTable, ScalarTable, Tables
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity

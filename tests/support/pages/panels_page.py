@@ -31,7 +31,8 @@ from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 
 UNUSED_SECONDS = 3600  # a connection; who asks again just when it is closed gets no answer
 

@@ -15,7 +15,8 @@ from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.server import MapShadeServer
-from volsplat.protocol.description.scene import Scene, Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

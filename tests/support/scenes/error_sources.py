@@ -18,7 +18,8 @@ from support.scenes.blobs import SIZE, blobs, scene_of
 from support.scenes.phantoms import QUANTISATION
 from support.scenes.rendering import TableWeights, rendered
 from tolerances import ONE_LEVEL
-from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame
 

@@ -17,7 +17,8 @@ from support.files.silent_progress import Silent
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Image, Scene
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.levels import thickness_of

@@ -6,6 +6,7 @@ import torch
 from by_the_book.book import Book, Colours
 from by_the_book.tables import Patch
 from volsplat.protocol.description.patches import Patch as ScenePatch
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import (
     Bounds,
     Image,
@@ -15,7 +16,6 @@ from volsplat.protocol.description.scene import (
     Reconstruction,
     Scene,
     Shading,
-    Step,
     View,
 )
 from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables

@@ -11,7 +11,8 @@ import torch
 from support.scenes.arbitrary import directions, plain_scene, quaternion_to
 from support.scenes.rays import constant, crossing
 from support.scenes.rendering import rendered
-from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 

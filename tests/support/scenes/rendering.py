@@ -17,7 +17,8 @@ from volsplat.mapshade_server.answers.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_part import ShadedPart, parts_of
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.drawing import Drawing

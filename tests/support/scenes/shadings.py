@@ -8,7 +8,8 @@ from torch import Tensor
 
 from support.scenes.arbitrary import bounds_within, views
 from volsplat.protocol.description.patches import Patch, Patches, Plane
-from volsplat.protocol.description.scene import Image, Light, Order, PaperStep, Refine, Scene, Shading
+from volsplat.protocol.description.refinement_steps import PaperStep
+from volsplat.protocol.description.scene import Image, Light, Order, Refine, Scene, Shading
 from volsplat.protocol.description.shading_tables import ColourTable, CrossBar, Field, ScalarTable, Tables
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.index_rules import Quantisation

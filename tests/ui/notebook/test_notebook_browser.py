@@ -15,7 +15,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.tables.scene_tables import with_table
-from volsplat.protocol.description.scene import FinestStep
+from volsplat.protocol.description.refinement_steps import FinestStep
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Geometry
 

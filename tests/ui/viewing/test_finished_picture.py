@@ -19,7 +19,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.trouble import Trouble
 from volsplat.client.ui.viewing.viewing import Feed, Troubles, Viewing
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 

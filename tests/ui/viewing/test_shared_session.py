@@ -23,7 +23,8 @@ from volsplat.client.session.asked_frames import FrameGivenUp
 from volsplat.client.session.turns import Urgency
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Scene
 
 ROUNDS = 8
 LARGE = 900  # pixels, of a picture that takes longer than a hand's

@@ -17,7 +17,8 @@ from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import coded
 from volsplat.client.scene.resized import sized
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import PaperStep, Refine
+from volsplat.protocol.description.refinement_steps import PaperStep
+from volsplat.protocol.description.scene import Refine
 from volsplat.protocol.description.volume import Index
 
 __all__ = ["view", "volume"]
