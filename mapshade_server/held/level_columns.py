@@ -11,7 +11,7 @@ A column along a diagonal takes one axis after the other, in each order alike, a
 One through corners would see every other layer of a slope, and find its voxels hidden.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import permutations
 from math import factorial, prod
@@ -32,6 +32,7 @@ DIAGONAL_VOXELS = 1 << 20  # along all ten: twice as many columns as bundles, an
 LEAST_COLUMNS = 256  # or bundles, in each direction, however long, if there are so many: fewer differ by chance
 ABREAST = 2  # columns of a bundle, on each of the two axes across it
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
+PLACED_ROW = 1 + ROW  # after its place among all rows
 BEYOND = np.uint32(0xFFFFFFFF)  # in the place of a voxel beyond the volume, or a second one if an axis is whole
 
 GOLDEN_PART = 40503  # of 2^16, the golden ratio: places follow each other evenly, however many there are
@@ -49,6 +50,7 @@ LEVEL = -(2.0**-33)  # of a component towards the viewer, what a frame's walk ta
 QUICK = 1  # zstd's level
 
 Rows = NDArray[np.uint32]  # (n, ROW), column by column from the lower end, by DIRECTIONS
+PlacedRows = NDArray[np.uint32]  # (n, PLACED_ROW), by their places
 Places = NDArray[np.int64]
 Voxels = NDArray[np.int32]  # (n, 3), or (3, n) where that is said: i, j, k
 Looks = NDArray[np.float64]  # (65536, 6), see seen_in_columns
@@ -69,8 +71,12 @@ class Columns(NamedTuple):
         return len(self.ends)
 
     @property
+    def rows(self) -> int:
+        return int(self.ends[-1])
+
+    @property
     def end(self) -> int:
-        return self.begin + int(self.ends[-1])
+        return self.begin + self.rows
 
     def voxels(self) -> Voxels:
         """Of one column after the other."""
@@ -176,8 +182,8 @@ def _voxels_of(dims: Index) -> Voxels:
     return np.concatenate([columns.voxels().T for columns in columns_of(dims)], axis=1)
 
 
-def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Places, Rows]:
-    """Of a box of a level (k, j, i) whose lowest voxel is `low`: its voxels in columns, and which rows these are.
+def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> PlacedRows:
+    """Of a box of a level (k, j, i) whose lowest voxel is `low`: the rows of its voxels in columns.
 
     `finer` are the packets that it stands for: two along each axis that is halved, fewer at an odd end.
     """
@@ -187,8 +193,9 @@ def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Pl
         inside &= (voxels >= begin) & (voxels < begin + length)
     places = np.flatnonzero(inside)
     there = [voxels[places] - begin for voxels, begin in zip(everywhere, low, strict=True)]
-    rows = np.full((len(places), ROW), BEYOND, np.uint32)
-    rows[:, 0] = _at(coarser, there)
+    rows = np.full((len(places), PLACED_ROW), BEYOND, np.uint32)
+    rows[:, 0] = places
+    rows[:, 1] = _at(coarser, there)
     factors = [1 if fine == coarse else 2 for fine, coarse in zip(finer.shape[::-1], size, strict=True)]
     for child in range(8):
         sides = [child >> axis & 1 for axis in range(3)]
@@ -197,8 +204,8 @@ def rows_within(finer: Rows, coarser: Rows, low: Index, dims: Index) -> tuple[Pl
         of_child = [factor * n + side for n, factor, side in zip(there, factors, sides, strict=True)]
         ends = (n < end for n, end in zip(of_child, finer.shape[::-1], strict=True))  # one fewer at an odd end
         within = np.flatnonzero(np.logical_and.reduce(list(ends)))
-        rows[within, 1 + child] = _at(finer, [n[within] for n in of_child])
-    return places, rows
+        rows[within, 2 + child] = _at(finer, [n[within] for n in of_child])
+    return rows
 
 
 def _at(packets: Rows, voxels: Sequence[NDArray[np.int32]]) -> Rows:
@@ -242,16 +249,16 @@ class Side(NamedTuple):
 class LevelColumns:
     """Those of one level, in a third of their bytes until they are looked at, which is once for a scene's tables."""
 
-    def __init__(self, volume: Geometry, finer: Geometry, level: Geometry, rows: Rows) -> None:
-        """`finer` is the level before. Raises ValueError for rows that are not this level's, and for other levels."""
+    def __init__(self, volume: Geometry, finer: Geometry, level: Geometry, rows: Iterable[Rows]) -> None:
+        """`finer` is the level before; of `rows` there are those of one direction after the other, by DIRECTIONS.
+
+        Raises ValueError for rows that are not this level's, and for other levels.
+        """
         columns = columns_of(level.dims)
-        if rows.shape != (columns[-1].end, ROW) or rows.dtype != np.uint32:
-            raise ValueError(f"columns of a level of {level.dims} voxels are not of shape {rows.shape}")
         self.thickness = (thickness_of(volume, finer), thickness_of(volume, level))
         self._levels = (finer, level)
         self._factors = factors_of(finer, level)
-        coder = zstandard.ZstdCompressor(level=QUICK)
-        self._coded = [coder.compress(rows[one.begin : one.end].data) for one in columns]
+        self._coded = [_coded(one, of_one) for one, of_one in zip(columns, rows, strict=True)]
         self._ends = [one.ends for one in columns]
         self._steps = [step / level.reference_spacing for step in level.spacing]
         self._each = [one.every / one.number for one in columns]  # that a column or bundle stands for
@@ -312,6 +319,13 @@ class LevelColumns:
         (finer_emitted, *of_finer), (coarser_emitted, *of_coarser) = of_levels
         reflected = (Reflected(*map(np.asarray, of_finer)), Reflected(*map(np.asarray, of_coarser)))
         return Seen((finer_emitted, coarser_emitted), reflected)
+
+
+def _coded(columns: Columns, rows: Rows) -> bytes:
+    if rows.shape != (columns.rows, ROW) or rows.dtype != np.uint32:
+        raise ValueError(f"{columns.rows} voxels in columns have no rows of shape {rows.shape}")
+    coded: bytes = zstandard.ZstdCompressor(level=QUICK).compress(rows.data)
+    return coded
 
 
 def _slant(eye: Vector, direction: Sequence[int]) -> Slant:

@@ -12,8 +12,8 @@ A Zarr v3 group that `volsplat prepare` writes:
                          is stored, else 0
     mixtures/1, …        uint64 (2, n): what the voxels of each level but the first stand for (level_mixture): by how
                          much each key exceeds the one before, and its count
-    columns/1, …         uint32 (n, 9): voxels of columns through each level but the first, each packet followed by the
-                         eight that it stands for (level_columns)
+    columns/1/0, …       uint32 (n, 9): voxels of columns through each level but the first, in each of DIRECTIONS, each
+                         packet followed by the eight that it stands for (level_columns)
     histograms/density   int64 counts over the survey's low..high
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
     blocks               float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes)
@@ -66,7 +66,7 @@ from volsplat.protocol.text.errors import BadInput
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 11
+FORMAT = 12
 PREPARE_ANEW = "delete it and run `volsplat prepare` again"
 BRICKS = "bricks"
 MIXTURES = "mixtures"
@@ -207,7 +207,10 @@ class PacketStore:
     def _columns(self, level: int) -> LevelColumns:
         path = f"{COLUMNS}/{self._paths[level]}"
         volume, finer, own = (self.levels[n] for n in (0, level - 1, level))
-        rows = self._whole(path, (columns_of(own.dims)[-1].end, ROW), np.uint32)
+        rows = (
+            self._whole(f"{path}/{number}", (columns.rows, ROW), np.uint32)
+            for number, columns in enumerate(columns_of(own.dims))
+        )
         try:
             return LevelColumns(volume, finer, own, rows)
         except ValueError:

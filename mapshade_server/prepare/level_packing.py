@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.held.level_columns import rows_within
+from volsplat.mapshade_server.held.level_columns import PlacedRows, rows_within
 from volsplat.mapshade_server.held.packet_store import BRICK_FIELDS, Packets
 from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
@@ -16,7 +16,7 @@ from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.prepare.level_source import LevelSource
-from volsplat.mapshade_server.prepare.mixture_files import ColumnFiles, ColumnRows, Mixture, MixtureFiles
+from volsplat.mapshade_server.prepare.mixture_files import ColumnFiles, Mixture, MixtureFiles
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -32,7 +32,7 @@ class Besides:
     box: Box
     means: BlockScalars | None  # for the next level, if there is one
     mixtures: list[Mixture]  # of each shard, for the next level
-    columns: list[ColumnRows]
+    columns: list[PlacedRows]
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 
 
@@ -106,12 +106,12 @@ class LevelPacker:
             there = self._in_coarser(shard).slices(self._in_coarser(box).low)
             yield Mixture.of_voxels(packets[shard.slices(box.low)], coarser[there])
 
-    def _columns(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[ColumnRows]:
+    def _columns(self, box: Box, packets: Packets, coarser: Packets) -> Iterator[PlacedRows]:
         dims = dims_at_level(self.geometry.dims, self.factors)
         for shard in self.layout.shards(self.geometry.dims, box):
             means = self._in_coarser(shard)
             there = means.slices(self._in_coarser(box).low)
-            yield ColumnRows(*rows_within(packets[shard.slices(box.low)], coarser[there], means.low, dims))
+            yield rows_within(packets[shard.slices(box.low)], coarser[there], means.low, dims)
 
     def _in_coarser(self, box: Box) -> Box:
         """Where the means of a box lie."""

@@ -2,14 +2,16 @@
 of its shards."""
 
 import os
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from volsplat.mapshade_server._kernels import MixtureEntries, mixture_of
-from volsplat.mapshade_server.held.level_columns import ROW, Places, Rows, columns_of
+from volsplat.mapshade_server.held.level_columns import PLACED_ROW, ROW, PlacedRows, Rows, columns_of
 from volsplat.mapshade_server.held.level_mixture import Counts, Keys
 from volsplat.mapshade_server.held.packet_store import Packets
 from volsplat.protocol.description.volume import Box, Index
@@ -39,42 +41,40 @@ class Mixture(NamedTuple):
 NOTHING = Mixture(np.empty(0, np.uint32), np.empty(0, np.uint64), 0)
 
 
-class ColumnRows(NamedTuple):
-    """As in level_columns, of a part of a level."""
-
-    places: Places  # among all rows
-    rows: Rows
-
-
 class ShardFiles:
     """Arrays of each shard of a level, in a folder of their own."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def write(self, shard: Box, arrays: Sequence[Any]) -> None:
-        """Lays them down for good."""
+    @contextmanager
+    def _written(self, shard: Box) -> Iterator[BinaryIO]:
+        """The file of a shard, which is laid down for good."""
         self._folder.mkdir(exist_ok=True)
         with (self._folder / "-".join(map(str, shard.low))).open("wb") as file:
-            for part in arrays:
-                np.save(file, part)
+            yield file
             file.flush()
             os.fsync(file.fileno())
 
-    def _read(self, count: int) -> Iterator[list[Any]]:
-        """The arrays of one shard after the other."""
-        for path in self._folder.iterdir():
-            with path.open("rb") as file:
-                yield [np.load(file) for _ in range(count)]
+    def _files(self) -> Iterator[Path]:
+        """That of one shard after the other, but for those of nothing."""
+        return (path for path in self._folder.iterdir() if path.stat().st_size)
 
 
 class MixtureFiles(ShardFiles):
     """What is the mean of each shard of the level before."""
 
+    def write(self, shard: Box, mixture: Mixture) -> None:
+        with self._written(shard) as file:
+            for part in mixture:
+                np.save(file, part)
+
     def joined(self) -> Mixture:
         """Of all shards together, whose order does not matter."""
         total = NOTHING.entries()
-        for keys, counts, left_open in self._read(len(NOTHING)):
+        for path in self._files():
+            with path.open("rb") as file:
+                keys, counts, left_open = (np.load(file) for _ in NOTHING)
             total.add(Mixture(keys, counts, int(left_open)).entries())
         return Mixture.of_entries(total)
 
@@ -82,9 +82,16 @@ class MixtureFiles(ShardFiles):
 class ColumnFiles(ShardFiles):
     """The rows of columns of the means of each shard of the level before."""
 
-    def joined(self, dims: Index) -> Rows:
-        """All of a level of so many voxels."""
-        rows = np.empty((columns_of(dims)[-1].end, ROW), np.uint32)
-        for places, of_shard in self._read(2):
-            rows[places] = of_shard
-        return rows
+    def write(self, shard: Box, rows: PlacedRows) -> None:
+        with self._written(shard) as file:
+            file.write(rows.data)
+
+    def joined(self, dims: Index) -> Iterator[Rows]:
+        """All of a level of so many voxels, those of one direction at a time."""
+        for columns in columns_of(dims):
+            rows = np.empty((columns.rows, ROW), np.uint32)
+            for path in self._files():
+                of_shard = np.memmap(path, np.uint32, "r").reshape(-1, PLACED_ROW)
+                begin, end = (bisect_left(of_shard[:, 0], place) for place in (columns.begin, columns.end))
+                rows[of_shard[begin:end, 0] - columns.begin] = of_shard[begin:end, 1:]
+            yield rows

@@ -2,6 +2,7 @@
 
 import os
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -85,9 +86,11 @@ class StoreWriter:
         name = f"{MIXTURES}/{self._attributes.levels[level].path}"
         _write_whole(self._group, name, np.stack((steps, mixture.counts)), ("entry", "number"))
 
-    def write_columns(self, level: int, rows: Rows) -> None:
-        """Stores columns through a level."""
-        _write_whole(self._group, f"{COLUMNS}/{self._attributes.levels[level].path}", rows, ("voxel", "packet"))
+    def write_columns(self, level: int, rows: Iterable[Rows]) -> None:
+        """Stores columns through a level, those in one direction after the other."""
+        for number, of_direction in enumerate(rows):
+            name = f"{COLUMNS}/{self._attributes.levels[level].path}/{number}"
+            _write_whole(self._group, name, of_direction, ("voxel", "packet"))
 
     def finish(self) -> None:
         """Marks the store as complete, once all of it is on the disk."""

@@ -123,8 +123,9 @@ def test_bundles_along_axes_are_four_columns_abreast_from_end_to_end(dims: Index
 def test_rows_are_those_of_the_reference(dims: tuple[int, ...], factors: tuple[int, ...], seed: int) -> None:
     finer, coarser = drawn_packets(dims, seed), drawn_packets(halves(dims, factors), seed + 1)
     size = (coarser.shape[2], coarser.shape[1], coarser.shape[0])
-    places, rows = rows_within(as_packets(finer), as_packets(coarser), (0, 0, 0), size)
-    assert places.tolist() == list(range(len(rows)))
+    placed = rows_within(as_packets(finer), as_packets(coarser), (0, 0, 0), size)
+    assert placed[:, 0].tolist() == list(range(len(placed)))
+    rows = placed[:, 1:]
     ni, nj, nk = map(range, size)
     expected = {voxel: level_columns.row(finer, coarser, voxel) for voxel in product(ni, nj, nk)}
     for columns in columns_of(size):
@@ -138,12 +139,13 @@ def test_rows_are_those_of_the_reference(dims: tuple[int, ...], factors: tuple[i
 def test_parts_of_a_level_give_the_rows_of_all_of_it(dims: tuple[int, ...], seed: int, cut: int) -> None:
     finer, coarser = as_packets(drawn_packets(dims, seed)), as_packets(drawn_packets(halves(dims), seed + 1))
     size = (coarser.shape[2], coarser.shape[1], coarser.shape[0])
-    _, expected = rows_within(finer, coarser, (0, 0, 0), size)
+    expected = rows_within(finer, coarser, (0, 0, 0), size)
     rows = np.zeros_like(expected)
     for low, high in ((0, cut), (cut, size[2])):
         if low < min(high, size[2]):
-            places, of_part = rows_within(finer[2 * low : 2 * high], coarser[low:high], (0, 0, low), size)
-            rows[places] = of_part
+            of_part = rows_within(finer[2 * low : 2 * high], coarser[low:high], (0, 0, low), size)
+            assert (np.diff(of_part[:, 0].astype(np.int64)) > 0).all()
+            rows[of_part[:, 0]] = of_part
     assert np.array_equal(rows, expected)
 
 

@@ -28,7 +28,7 @@ from volsplat.mapshade_server.frames.level_light import (
     factor,
     reflected_in_steps,
 )
-from volsplat.mapshade_server.held.level_columns import AXES, DIRECTIONS, LevelColumns, Slant, columns_of
+from volsplat.mapshade_server.held.level_columns import AXES, DIRECTIONS, LevelColumns, Rows, Slant, columns_of
 from volsplat.mapshade_server.prepare.layout import halved_geometry
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
@@ -44,6 +44,10 @@ def test_thin_layers_are_as_deep_as_they_are_thick() -> None:
     assert depths(np.array([0.5]), 1.0, 0.25)[0] > 0.5
 
 
+def by_direction(rows: Rows, dims: Index) -> list[Rows]:
+    return [rows[columns.begin : columns.end] for columns in columns_of(dims)]
+
+
 def level_of_one_kind(
     finer_packet: int, coarser_packet: int, spacing: matrices.Vector = (1.0, 1.0, 1.0)
 ) -> LevelColumns:
@@ -54,7 +58,7 @@ def level_of_one_kind(
     )
     rows = np.full((columns_of(level.dims)[-1].end, 9), finer_packet, np.uint32)
     rows[:, 0] = coarser_packet
-    return LevelColumns(volume, volume, level, rows)
+    return LevelColumns(volume, volume, level, by_direction(rows, level.dims))
 
 
 @pytest.mark.parametrize("eye", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (-0.48, 0.64, 0.6)])
@@ -104,7 +108,7 @@ def any_level(seed: int) -> AnyLevel:
     rows = drawn_packets((columns_of(level.dims)[-1].end, 9), seed)
     numbers = [torch.rand((65536, 6), dtype=torch.float64, generator=random).numpy() for _ in range(2)]
     looks = [Look(table[:, 0], table[:, 1], table[:, 2:]) for table in numbers]
-    columns = LevelColumns(volume, volume, level, as_packets(rows))
+    columns = LevelColumns(volume, volume, level, by_direction(as_packets(rows), level.dims))
     return AnyLevel(SeenLevel(columns, looks[0], looks[1]), columns, rows, looks, level.dims)
 
 
@@ -244,5 +248,5 @@ def test_of_voxels_abreast_the_nearer_come_first(eye: matrices.Vector) -> None:
 
 def test_rows_of_another_level_are_refused() -> None:
     volume = Geometry((8, 8, 8))
-    with pytest.raises(ValueError, match=r"columns of a level of \(4, 4, 4\) voxels are not of shape \(5, 9\)"):
-        LevelColumns(volume, volume, halved_geometry(volume), np.zeros((5, 9), np.uint32))
+    with pytest.raises(ValueError, match=r"64 voxels in columns have no rows of shape \(5, 9\)"):
+        LevelColumns(volume, volume, halved_geometry(volume), [np.zeros((5, 9), np.uint32)])
