@@ -27,8 +27,8 @@ from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.levels import factors_of, thickness_of
 
-AXIS_VOXELS = 1 << 19  # of a level, along all three
-DIAGONAL_VOXELS = 1 << 20  # along all ten: twice as many columns as bundles, and two or three voxels to a step
+AXIS_VOXELS = 1 << 20  # of a level, along all three
+DIAGONAL_VOXELS = 1 << 20  # along all ten, and two or three voxels to a step
 LEAST_COLUMNS = 256  # or bundles, in each direction, however long, if there are so many: fewer differ by chance
 ABREAST = 2  # columns of a bundle, on each of the two axes across it
 ROW = 9  # a coarser packet, and the eight that it stands for, i fastest
