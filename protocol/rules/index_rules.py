@@ -61,7 +61,7 @@ ROUGHNESS_COSINES = (
 )
 AGREEMENTS = tuple(sum(cosines) / len(cosines) for cosines in ROUGHNESS_COSINES)
 LEAST_ALONG_AXIS = 0.85  # of the squares of gradients that cancel, along one axis, for a voxel to be two-faced
-OF_FACING = 0.7  # how much more of the light counts on a face that is turned to the viewer than on the one behind it
+OF_FACING = 0.85  # how much more of the light counts on a face that is turned to the viewer than on the one behind it
 
 HISTOGRAM_BINS = 65536
 EIGHT_BITS = {"uint8": (0.0, 255.0), "int8": (-128.0, 127.0)}

@@ -34,6 +34,7 @@ from volsplat.protocol.messages.drawing import Drawing
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import (
     FIRST_TWO_FACED,
+    OF_FACING,
     ROUGH_DIRECTIONS,
     ROUGHNESS_COSINES,
     ROUGHNESSES,
@@ -181,7 +182,7 @@ def test_light_falls_on_both_faces_and_is_seen_of_either_as_far_as_it_faces_the_
     one = voxel_packets.directions("rough")[codes]
     eye = torch.tensor(matrices.applied(matrices.transposed(screen_rotation(scene.view)), (0.0, 0.0, 1.0))).double()
     expected = sum(
-        (1 - 0.7 * face @ eye) / 2 * shading.light_of_directions(scene, Step.F, face) for face in (one, -one)
+        (1 - OF_FACING * face @ eye) / 2 * shading.light_of_directions(scene, Step.F, face) for face in (one, -one)
     )
     assert ((table[codes] - expected).abs() * 255 <= FLOAT32_COLOUR).all()
 
