@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import reduce
-from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.mapshade_server.answers.volume_answers import (
@@ -31,7 +30,7 @@ from volsplat.mapshade_server.held.memory_budget import (
     bytes_to_read,
     bytes_to_walk_slabs,
 )
-from volsplat.mapshade_server.held.packet_store import is_store
+from volsplat.mapshade_server.held.packet_store import names_store
 from volsplat.mapshade_server.held.passed_box import PassedBox
 from volsplat.mapshade_server.held.sheet_reader import sheet_reader
 from volsplat.mapshade_server.held.sub_cube import SubCube
@@ -200,7 +199,7 @@ class HeldVolume:
 
     @takes(messages.DescribeVolume)
     def _describe_volume(self, request: messages.DescribeVolume) -> list[Answer]:
-        if is_store(Path(request.path)):
+        if names_store(request.path):
             return [store_described(*identified_store(request.path))]
         reader, identity = identified_volume(request.path)
         described = messages.VolumeDescribed(description=reader.description, prepared=None, identity=identity)

@@ -54,6 +54,7 @@ from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import PACKET_STOR
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, ROUGH_NO_GRADIENT, Quantisation, Survey
 from volsplat.protocol.rules.packet_layout import (
     DIRECTION_SHIFT,
@@ -295,6 +296,12 @@ class PacketStore:
         return self._damaged(path, f"cannot be read ({' '.join(str(error).split())})")
 
 
+def names_store(volume: str) -> bool:
+    """Whether a volume's name is that of a packet store here, finished or not."""
+    name = volume_name(volume)
+    return not (name.is_far or name.part) and is_store(Path(name.plain_place))
+
+
 def is_store(folder: Path) -> bool:
     """Whether a folder is a packet store, finished or not. Zarr is not imported for it."""
     return has_attributes(folder) or _has_journal(folder)
@@ -330,6 +337,7 @@ def _group_attributes(folder: Path) -> dict[str, Any]:
 
 def open_store(place: str) -> PacketStore:
     """The store at a path or, with fsspec, a URL. Raises BadInput for what is no finished store."""
+    place = place if (name := volume_name(place)).is_far else name.plain_place
     if _has_journal(Path(place)) and not has_attributes(Path(place)):
         raise _unfinished(place, _begun_from(Path(place)))
     zarr = library("zarr", f"{place}: a packet store")

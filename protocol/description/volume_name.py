@@ -14,6 +14,7 @@ from volsplat.protocol.text.file_names import check_utf8
 from volsplat.protocol.text.printable import printable
 
 LOCAL_URL = "file://"
+THIS_MACHINE = "localhost/"  # which RFC 8089 lets stand before a path
 LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
 
 
@@ -35,7 +36,10 @@ class VolumeName(NamedTuple):
     @property
     def plain_place(self) -> str:
         """The place; of a URL of this machine's files their path, which may look like a URL itself."""
-        return unquote(self.place.removeprefix(LOCAL_URL)) if self.place.startswith(LOCAL_URL) else self.place
+        if not self.place.startswith(LOCAL_URL):
+            return self.place
+        path = self.place.removeprefix(LOCAL_URL)
+        return unquote(path.removeprefix(THIS_MACHINE[:-1]) if path.startswith(THIS_MACHINE) else path)
 
     def __str__(self) -> str:
         return f"{self.place}#{self.part}" if self.part else self.place

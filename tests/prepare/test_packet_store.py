@@ -21,9 +21,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.prepared import ODD_DIMS, SMALL, packed_whole, prepare_small, store_of, values_of, written
+from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held.level_columns import DIRECTIONS, Slant
 from volsplat.mapshade_server.held.packet_store import STORED, PacketStore, is_store, open_store
+from volsplat.mapshade_server.held.volume_identity import identified_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.readers import open_volume
@@ -44,6 +46,15 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def store(place: Path) -> PacketStore:
     return open_store(str(place))
+
+
+@pytest.mark.parametrize("host", ["", "localhost"])
+def test_a_store_may_be_named_by_a_url(host: str, place: Path) -> None:
+    url = f"file://{host}{place}"
+    assert identified_store(url)[1] == identified_store(str(place))[1]
+    with SingleProcess(url) as drawn, SingleProcess(str(place)) as by_path:
+        scene = default_scene(by_path.volume.subject())
+        assert drawn.volume.prepared is not None and torch.equal(drawn.render(scene), by_path.render(scene))
 
 
 def ranges(length: int) -> st.SearchStrategy[tuple[int, int]]:
