@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from volsplat.client.coordinator.events.events import (
     Event,
@@ -50,6 +51,14 @@ HEARD_NO_MORE, SENT_NO_MORE = "is heard no more", "is sent nothing more"
 FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
 
 
+class ServerLink(NamedTuple):
+    """To a server that is there."""
+
+    connection: Connection
+    outgoing: Outgoing
+    images: ImageReceiver | None  # of a splat server
+
+
 class ServerLinks:
     """Connections to the servers that join at `listen`. `on_event` is called by any thread."""
 
@@ -79,10 +88,8 @@ class ServerLinks:
         self.session = secrets.token_hex(4)  # as logs name it, of all processes
         self.token = token
         self.encryption = encryption
-        self._connections: dict[int, Connection] = {}
-        self._outgoing: dict[int, Outgoing] = {}
-        self._images: dict[int, ImageReceiver] = {}  # of splat servers
-        self._lock = threading.Lock()  # guards the three above
+        self._links: dict[int, ServerLink] = {}  # to those that are there
+        self._lock = threading.Lock()  # guards these
         self._came = threading.Condition(self._lock)  # a connection has come
         self._left = threading.Condition(self._lock)  # a connection is gone
         self._allocate = BufferPool()
@@ -95,7 +102,7 @@ class ServerLinks:
             token,
             host=listen.host,
             port=listen.port,
-            assign_id=lambda hello: server_id(hello, len(self._connections), numbers),
+            assign_id=lambda hello: server_id(hello, len(self._links), numbers),
             allocate=self._allocate,
             encryption=encryption,
         )
@@ -128,7 +135,7 @@ class ServerLinks:
     def present(self) -> set[str]:
         """How the servers that are there name their processes."""
         with self._lock:
-            return {connection.peer.name for connection in self._connections.values()}
+            return {link.connection.peer.name for link in self._links.values()}
 
     def wait_for_a_loss(self, seconds: float) -> None:
         """Of any server, but no longer than so long."""
@@ -143,19 +150,19 @@ class ServerLinks:
     def send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
         """Have it sent; nobody waits for a server that does not read."""
         with self._lock:
-            outgoing, images = self._outgoing.get(server), self._images.get(server)
-        if outgoing is None:  # its loss is on the way as an event
+            link = self._links.get(server)
+        if link is None:  # its loss is on the way as an event
             return
-        if images is not None and isinstance(message, (messages.RenderFrame, messages.ReadImage)):
-            if (news := images.news()) is not None:
-                outgoing.post(news)
-        outgoing.post(message, *payload)
+        if link.images is not None and isinstance(message, (messages.RenderFrame, messages.ReadImage)):
+            if (news := link.images.news()) is not None:
+                link.outgoing.post(news)
+        link.outgoing.post(message, *payload)
 
     def take_leave(self, message: messages.EndSession) -> None:
         """Have all servers hear that the session is over; none is started in the place of one that ends by that."""
         self._local.let_end()
         with self._lock:
-            servers = list(self._connections)
+            servers = list(self._links)
         for server in servers:
             self.send(server, message)
 
@@ -163,9 +170,9 @@ class ServerLinks:
         """Close the connection to a server that does not keep to the protocol."""
         self._listener.lines.warn(f"{cause}; the connection is closed")
         with self._lock:
-            connection = self._connections.get(server)
-        if connection is not None:
-            connection.close()
+            link = self._links.get(server)
+        if link is not None:
+            link.connection.close()
 
     def go_without(self, cause: str) -> None:
         """Servers do not come: the session begins without them if it can, and they may join later."""
@@ -187,15 +194,15 @@ class ServerLinks:
         self._heartbeat.close()
         self.take_no_more()
         with self._lock:
-            connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
+            links = list(self._links.values())
         until = time.monotonic() + FAREWELL_SECONDS
-        for posts in outgoing:
-            posts.flush(until)
+        for link in links:
+            link.outgoing.flush(until)
         with self._left:  # servers hang up: if this side did, they would not hear that the session is over
-            self._left.wait_for(lambda: not self._connections, max(0.0, until - time.monotonic()))
+            self._left.wait_for(lambda: not self._links, max(0.0, until - time.monotonic()))
             self._left.notify_all()  # nobody need wait for a loss any more
-        for connection in connections:
-            connection.close()
+        for link in links:
+            link.connection.close()
         self._local.stop()
         self._allocate.let_go()  # whoever has the session may keep it for what it still tells
 
@@ -242,10 +249,9 @@ class ServerLinks:
     def _take_in(self, connection: Connection, outgoing: Outgoing, by_hand: bool) -> None:
         """A server has joined."""
         peer = connection.peer
+        images = ImageReceiver(connection, self._allocate) if peer.role is Role.SPLAT_SERVER else None
         with self._lock:
-            self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
-            if peer.role is Role.SPLAT_SERVER:
-                self._images[peer.id] = ImageReceiver(connection, self._allocate)
+            self._links[peer.id] = ServerLink(connection, outgoing, images)
             self._came.notify_all()
         outgoing.post(messages.NameSession(self.session))
         self._log("server_joined", f"{peer} has joined", peer)
@@ -284,8 +290,7 @@ class ServerLinks:
         if peer.id not in self._leaving:  # who leaves ends by itself
             self._local.end(peer.name)
         with self._lock:
-            for of_servers in (self._connections, self._outgoing, self._images):
-                of_servers.pop(peer.id, None)
+            self._links.pop(peer.id, None)
             self._left.notify_all()
         outgoing.end()
 
@@ -293,7 +298,7 @@ class ServerLinks:
         """Of its role, if there is none; whoever starts servers by hand, or a network that was cut, takes a while."""
         with self._came:
             came = self._came.wait_for(
-                lambda: self._closing or any(one.peer.role is lost.role for one in self._connections.values()),
+                lambda: self._closing or any(link.connection.peer.role is lost.role for link in self._links.values()),
                 ANOTHER_SECONDS,
             )
         if not came:
@@ -317,7 +322,9 @@ class ServerLinks:
                 self._report_ends(message)
                 self._note(f"from {_brief(peer)}", message, at - connection.counters.seconds_in_message, at)
                 if isinstance(message, messages.ImageRead):
-                    payload = self._images[peer.id].pixels(message, payload)
+                    images = self._links[peer.id].images
+                    assert images is not None, "a map/shade server sends no image"
+                    payload = images.pixels(message, payload)
                     self._note(f"from {_brief(peer)}", message, at, name="decode image")
                 self._on_event(MessageReceived(peer.id, message, payload, at))
                 del received, payload  # its memory is used again once nobody holds it

@@ -47,7 +47,7 @@ carry_out = Coordination._carry_out
 
 def stop_and_carry_out(coordination, instruction, links):
     if isinstance(instruction, Send) and isinstance(instruction.message, HoldPart):
-        peer = links._connections[instruction.server].peer
+        peer = links._links[instruction.server].connection.peer
         os.kill(int(re.search(r"process (\\d+)", peer.name)[1]), signal.SIGSTOP)
         print("stopped", peer.name, flush=True)
     carry_out(coordination, instruction, links)
