@@ -5,12 +5,15 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Literal
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene
+from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import (
     ALMOST_OPAQUE,
     FEWER,
@@ -22,6 +25,8 @@ from volsplat.client.ui.viewing.pacing import (
     ladder,
 )
 from volsplat.protocol.description.refinement_steps import Step
+from volsplat.protocol.description.scene import Kernel, Reconstruction
+from volsplat.protocol.rules.footprint_shape import kernel_radius
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 
 SECONDS = st.floats(1e-4, 10.0)
@@ -64,6 +69,20 @@ def test_all_but_the_whole_image_leave_out_what_almost_opaque_pixels_hide() -> N
     assert WHOLE.left_out == ALL_VOXELS  # it may stay
     for rung in RUNGS[:-1]:
         assert rung.left_out == rung.thinning._replace(frozen_alpha=ALMOST_OPAQUE)
+
+
+@pytest.mark.parametrize("kernel", Kernel)
+@pytest.mark.parametrize("radius", ["default", 1.2, 1.5, 3.0])
+def test_all_but_the_whole_image_cut_the_default_kernel_nearer_and_never_farther(
+    kernel: Kernel, radius: float | Literal["default"]
+) -> None:
+    scene = msgspec.structs.replace(SCENE, reconstruction=Reconstruction(kernel=kernel, radius=radius))
+    own = kernel_radius(scene.reconstruction)
+    assert WHOLE.drawn(scene) == scene
+    for rung in RUNGS[:-1]:
+        drawn = rung.drawn(scene)
+        assert kernel_radius(drawn.reconstruction) == (min(own, 1.5) if kernel is Kernel.GAUSSIAN else own)
+        assert msgspec.structs.replace(drawn, reconstruction=scene.reconstruction) == scaled(scene, rung.share)
 
 
 def test_a_small_image_is_drawn_whole_and_lit_however_few_its_voxels() -> None:

@@ -19,7 +19,6 @@ from volsplat.client.session.asked_images import DrawingTurn
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
 from volsplat.client.session.session import Session
 from volsplat.client.session.turns import Urgency
-from volsplat.client.ui.viewing.image_size import scaled
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
@@ -195,7 +194,7 @@ class DrawingLoop:
         if self._still_last(state):
             return
         rung = self.pacing.while_moving(state.scene)
-        scene, step = scaled(state.scene, rung.share), rung.step
+        scene, step = rung.drawn(state.scene), rung.step
         with turn.taken(Urgency.MOVING):
             for refinement in turn.draw(scene, step, NO_PARTIAL_IMAGES, exact=False, thinning=rung.left_out):
                 self._publish(state, refinement, rung)
