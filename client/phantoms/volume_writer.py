@@ -193,9 +193,14 @@ def _nrrd_header(
         f"endian: {sys.byteorder}",
         "encoding: raw",
         f"space origin: {_nrrd_vector(geometry.origin)}",
-        *(f"{key}:={value}" for key, value in pairs.items()),
+        *(f"{key}:={_escaped(value)}" for key, value in pairs.items()),
     )
     return "\n".join((*lines, "")).encode()
+
+
+def _escaped(value: str) -> str:
+    """As it stands in NRRD's line."""
+    return value.replace("\\", "\\\\").replace("\n", "\\n")
 
 
 def _ends_as_gzip_of(path: Path, size: int) -> bool:

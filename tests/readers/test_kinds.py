@@ -132,6 +132,36 @@ Segment2_Layer:=1"""
     assert one.bands == (Band("liver", 1.0, 1.0, (0.5, 0.25, 1.0)), Band("segment 1", 7.0, 7.0))
 
 
+@pytest.mark.parametrize(
+    ("layers", "left_out", "told"),
+    [
+        ({0: "1", 1: "1"}, "liver, tumour", "in layer 1, but the file has layer 0 alone"),
+        ({0: "0", 1: "3"}, "tumour", "in layer 3, but the file has layer 0 alone"),
+        ({0: "0"}, "", ""),
+    ],
+)
+def test_segments_of_layers_that_the_file_lacks_are_told(
+    tmp_path: Path, layers: dict[int, str], left_out: str, told: str
+) -> None:
+    names = {0: "liver", 1: "tumour"}
+    keys = [f"Segment{n}_Name:={name}\nSegment{n}_LabelValue:={n + 1}" for n, name in names.items()]
+    keys += [f"Segment{n}_Layer:={layer}" for n, layer in layers.items()]
+    one = described(nrrd(tmp_path / "organs.seg.nrrd", VALUES, "\n".join(keys)))
+    assert one.kind is Kind.LABELS
+    assert [band.name for band in one.bands] == [name for name in names.values() if name not in left_out]
+    lines = [line for line in one.warnings if "segments" in line]
+    assert lines == ([f"the segments {left_out} are left out: the header has them {told}"] if told else [])
+
+
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [(r"left\\right", r"left\right"), (r"two\nlines", "two\nlines"), (r"a\\nb", r"a\nb"), ("a\\tb\\", "a\\tb\\")],
+)
+def test_escapes_in_keys_and_values_are_undone_as_the_format_says(tmp_path: Path, written: str, name: str) -> None:
+    one = described(nrrd(tmp_path / "organs.seg.nrrd", VALUES, f"Segment0_Name:={written}"))
+    assert one.bands == (Band(name, 1.0, 1.0),)
+
+
 def named_volumes(path: Path) -> list[str]:
     with pytest.raises(PartNeeded) as needed:
         open_volume(str(path))

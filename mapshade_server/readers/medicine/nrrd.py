@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.nrrd_header import LONGEST_LINE, NrrdHeader, header_of_file
-from volsplat.mapshade_server.readers.medicine.nrrd_kinds import are_volumes, kind_of, refuse_flat_colours, volume_names
+from volsplat.mapshade_server.readers.medicine.nrrd_kinds import (
+    are_volumes,
+    kind_of,
+    layers_missed,
+    refuse_flat_colours,
+    volume_names,
+)
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.reading.components import (
     ChosenVolume,
@@ -165,7 +171,7 @@ def _description(header: NrrdHeader, axes: _Axes, chosen: ChosenVolume, stored: 
         unit=place.unit,
         value_unit=header.fields.get("sample units", "").strip('"'),
         anatomical=place.anatomical,
-        warnings=place.warnings,
+        warnings=(*place.warnings, *layers_missed(header.pairs, axes.frames)),
         kind=kind,
         kind_from=kind_from,
         bands=bands,

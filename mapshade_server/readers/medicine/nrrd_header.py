@@ -89,10 +89,15 @@ def header_of_file(path: Path) -> NrrdHeader:
             elif not text.startswith("#") and ":" in text:
                 name, _, value = text.partition(":")
                 if value.startswith("="):
-                    pairs[name] = value[1:]
+                    pairs[_unescaped(name)] = _unescaped(value[1:])
                 else:
                     name = name.strip().lower()
                     fields[FIELDS.get(name, name)] = value.strip()
             if file.tell() > LONGEST_HEADER:
                 raise BadInput(f"{path}: the NRRD header does not end; correct the file")
         return NrrdHeader(path, fields, pairs, tuple(file_list), file.tell())
+
+
+def _unescaped(text: str) -> str:
+    """With newlines and backslashes of a key or value, which stand in its line as \\n and \\\\; any other is itself."""
+    return re.sub(r"\\([n\\])", lambda match: "\n" if match[1] == "n" else "\\", text)
