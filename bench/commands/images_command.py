@@ -16,7 +16,7 @@ from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.views import ELEVATION, FIRST_AZIMUTH, seen
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.side_console import SideConsole
-from volsplat.client.session.image_decoder import ImageDecoder
+from volsplat.client.session.links.image_decoder import ImageDecoder
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.this_machine import usable_cores

@@ -3,8 +3,8 @@
 import threading
 from collections.abc import Sequence
 
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.client.session.missing_reasons import MissingReasons
-from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.state import KnownServer
 from volsplat.protocol.text.errors import TurnedAway, VolsplatError
 from volsplat.protocol.wire.addresses import Address, parse_address

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from volsplat.client.session.cluster_calls import ClusterCalls
 from volsplat.client.session.cluster_watch import ClusterWatch
 from volsplat.client.session.kept_cluster import KeptCluster
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.client.session.missing_reasons import MissingReasons
-from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.server_command import Program
 from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput

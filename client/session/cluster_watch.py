@@ -9,8 +9,8 @@ from collections import defaultdict
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.client.session.missing_reasons import MissingReasons
-from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import Said, ServerState

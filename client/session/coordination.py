@@ -30,7 +30,7 @@ from volsplat.client.coordinator.events.instructions import (
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.asked_frames import AskedFrames
 from volsplat.client.session.late_answers import LateAnswers
-from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.messages.messages import EndSession, RenderFrame

@@ -37,8 +37,8 @@ from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_images import AskedImages, DrawingTurn
 from volsplat.client.session.coordination import Coordination
 from volsplat.client.session.kept_cluster import KeptCluster
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.client.session.renderer import FILE_SECONDS, Refinement, Renderer
-from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.session.session_servers import asked_servers
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.file_voxel import FileVoxel

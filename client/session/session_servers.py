@@ -11,7 +11,7 @@ from typing import Protocol
 from volsplat.client.caller.arguments import checked_address, checked_count, checked_number
 from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.kept_cluster import KeptCluster
-from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.program.this_machine import check_server_count, usable_cores, usual_servers
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE

@@ -17,7 +17,7 @@ from support.files.head_volume import head
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server, words_of
 from volsplat.client import Session
-from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.deploy import forked_servers as forking
 from volsplat.deploy import local
 from volsplat.deploy.fork_server import Start

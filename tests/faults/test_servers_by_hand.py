@@ -10,7 +10,7 @@ from support.files.head_volume import head, scene, single
 from support.patience import wait_until
 from support.programs.resident_servers import MAPSHADE, SPLAT, opened
 from volsplat.client import Session
-from volsplat.client.session import server_links
+from volsplat.client.session.links import server_links
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import PeerLost

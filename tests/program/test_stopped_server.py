@@ -20,8 +20,8 @@ import pytest
 from support.messages.message_samples import SAMPLES, UNFORESEEN
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
-from volsplat.client.session.outgoing import Outgoing
-from volsplat.client.session.server_links import FAREWELL_SECONDS
+from volsplat.client.session.links.outgoing import Outgoing
+from volsplat.client.session.links.server_links import FAREWELL_SECONDS
 from volsplat.deploy.local import GRACE_SECONDS
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages

@@ -14,7 +14,7 @@ from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import servers
 from volsplat.client import Session
-from volsplat.client.session import server_links
+from volsplat.client.session.links import server_links
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy import restart_limit
 from volsplat.deploy.restart_limit import MOST_RESTARTS

@@ -269,7 +269,7 @@ def test_an_image_that_the_memory_does_not_hold_is_waited_for_by_nobody(
     def no_memory(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("volsplat.client.session.image_receiver.ReadBlocks", no_memory)
+    monkeypatch.setattr("volsplat.client.session.links.image_receiver.ReadBlocks", no_memory)
     with Session(head, workers=1) as session:
         with pytest.raises(PeerLost, match="the memory does not suffice for what splat server .* sends; ask for"):
             session.render(skin(session))

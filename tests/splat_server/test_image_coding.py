@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from support.patience import PATIENCE
-from volsplat.client.session.image_decoder import ImageDecoder
-from volsplat.client.session.image_receiver import ImageReceiver
+from volsplat.client.session.links.image_decoder import ImageDecoder
+from volsplat.client.session.links.image_receiver import ImageReceiver
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, RawPixels, ReadImage, SharedPixels
 from volsplat.protocol.messages.roles import Role

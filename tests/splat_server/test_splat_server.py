@@ -24,7 +24,7 @@ from support.scenes.rendering import rendered
 from support.scenes.shaded_packets import all_batches
 from support.thoroughness import examples
 from volsplat.client.coordinator.shares.region_shares import RegionShares
-from volsplat.client.session.image_receiver import ImageReceiver
+from volsplat.client.session.links.image_receiver import ImageReceiver
 from volsplat.mapshade_server._kernels import Batch
 from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held.sub_cube import SubCube

@@ -45,6 +45,7 @@ FLOORS = {
         "coordinator/shares coordinator/events figure",
         "coordinator/holding",
         "coordinator",
+        "session/links",
         "session",
         "movie gallery export",
         "ui/viewing",

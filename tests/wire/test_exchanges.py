@@ -31,7 +31,7 @@ from volsplat.client.coordinator.events.events import MessageReceived, ServerLos
 from volsplat.client.coordinator.events.instructions import FailSession, Instruction, Send
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session.server_links import server_id
+from volsplat.client.session.links.server_links import server_id
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.messages import messages

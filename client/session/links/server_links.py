@@ -22,8 +22,8 @@ from volsplat.client.coordinator.events.events import (
     ServingFailed,
 )
 from volsplat.client.coordinator.server_states import ANOTHER_SECONDS
-from volsplat.client.session.image_receiver import ImageReceiver
-from volsplat.client.session.outgoing import Outgoing
+from volsplat.client.session.links.image_receiver import ImageReceiver
+from volsplat.client.session.links.outgoing import Outgoing
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program

@@ -3,7 +3,7 @@
 import threading
 import time
 
-from volsplat.client.session.image_decoder import ImageDecoder
+from volsplat.client.session.links.image_decoder import ImageDecoder
 from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, ImagesTaken, RawPixels, SharedPixels
 from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.protocol.wire.connection import Connection

@@ -1,0 +1,1 @@
+"""The connections to the servers of a session: what is heard of them, and what is sent to them."""
