@@ -292,7 +292,7 @@ def test_nobody_waits_for_the_end_of_workers_that_have_gone_on_to_a_newer_frame(
     for frame, times in ((newest - 1, 0), (newest, 1)):
         finished = msgspec.structs.replace(sample, frame=frame, complete=False, lost=[worker])
         assert isinstance(finished, messages.FrameFinished)
-        session._links._report_ends(finished)
+        assert list(session._links._ends.told(finished)) == []
         assert len(waited_for) == times
 
 

@@ -24,6 +24,7 @@ from volsplat.client.coordinator.events.events import (
 from volsplat.client.coordinator.server_states import ANOTHER_SECONDS
 from volsplat.client.session.links.image_receiver import ImageReceiver
 from volsplat.client.session.links.outgoing import Outgoing
+from volsplat.client.session.links.process_ends import ProcessEnds
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
@@ -37,7 +38,7 @@ from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.accepting import Accepter, IdCounter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
-from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
+from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import UNTAKEN, Heartbeat
 from volsplat.protocol.wire.listener import Listener
@@ -80,7 +81,6 @@ class ServerLinks:
         A server that says nothing for `silence` seconds is lost.
         """
         self._on_event = on_event
-        self._newest_frame = newest_frame
         self._replaces = replaces
         self._tracer = tracer
         self._counts = counts
@@ -94,7 +94,6 @@ class ServerLinks:
         self._left = threading.Condition(self._lock)  # a connection is gone
         self._allocate = BufferPool()
         self._heartbeat = Heartbeat(silence)
-        self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._leaving: set[int] = set()  # those who were told to end; each is added by its receiving thread
         numbers = IdCounter()
         self._listener = Listener(
@@ -107,6 +106,7 @@ class ServerLinks:
             encryption=encryption,
         )
         self._local = LocalServers(lambda *ended: on_event(ServerProcessEnded(*ended)), silence, encryption)
+        self._ends = ProcessEnds(self._local, newest_frame)
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
 
     @property
@@ -222,7 +222,8 @@ class ServerLinks:
 
     def serve(self, connection: Connection, heard: Callable[[], None] = lambda: None) -> None:
         """Take part in the session until this server is lost. `heard` is called whenever it has said something."""
-        peer = self._peers[connection.peer.id] = connection.peer
+        peer = connection.peer
+        self._ends.joined(peer)
         try:
             outgoing = Outgoing(
                 connection,
@@ -319,7 +320,8 @@ class ServerLinks:
                     continue
                 if isinstance(message, messages.LeaveSession):
                     self._leaving.add(peer.id)
-                self._report_ends(message)
+                for lost in self._ends.told(message):
+                    self._on_event(lost)
                 self._note(f"from {_brief(peer)}", message, at - connection.counters.seconds_in_message, at)
                 if isinstance(message, messages.ImageRead):
                     images = self._links[peer.id].images
@@ -332,7 +334,7 @@ class ServerLinks:
             connection.close()
             if isinstance(error, RemoteProtocolError):
                 self._listener.lines.warn(f"{error}; the connection is closed")
-            return self._cause_of_loss(peer, error)
+            return self._ends.cause_of_loss(peer, error)
         except MemoryError:
             connection.close()
             cause = f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
@@ -348,39 +350,13 @@ class ServerLinks:
             ended = time.perf_counter() if ended is None else ended
             self._tracer.note(message.frame, row, name or type(message).__name__, began, ended)
 
-    def _report_ends(self, message: messages.Message) -> None:
-        """Of servers that another server calls lost, say how their processes ended, which is known here alone.
-
-        Of an older frame workers are lost that went on to the newest one: nobody waits for them to end.
-        """
-        match message:
-            case messages.FrameFinished(frame=frame, lost=lost) if frame == self._newest_frame():
-                missed = [self._peers[worker] for worker in lost if worker in self._peers]
-            case messages.FrameMapped(frame=frame, lost=lost) if frame == self._newest_frame():
-                missed = [self._peers[splat] for splat in lost if splat in self._peers]
-            case messages.Refused(reason=messages.Reason.PEER_LOST):
-                missed = [peer for peer in list(self._peers.values()) if peer.role == Role.SPLAT_SERVER]
-            case _:
-                missed = []
-        if not missed:  # as after nearly every message
-            return
-        ended = self._local.told_ends([peer.name for peer in missed])
-        for peer in missed:
-            if peer.name in ended:
-                self._on_event(ServerLost(peer.id, f"{peer} is gone: it {ended[peer.name]}"))
-
-    def _cause_of_loss(self, peer: Peer, error: VolsplatError) -> str:
-        """Why a server is lost, with how its process ended if that is known."""
-        ended = self._local.told_ends([peer.name]) if OWN_OUTPUT in str(error) else {}
-        return str(error).replace(OWN_OUTPUT, f"it {ended[peer.name]}") if ended else str(error)
-
     def _refuse(self, peer: Peer, message: messages.Message, error: LocalProtocolError) -> None:
         """Nothing of it went out: as if the server had refused it."""
         self._on_event(MessageReceived(peer.id, refusal(message, error), memoryview(b""), time.perf_counter()))
 
     def _lose_unsent(self, connection: Connection, error: Exception) -> None:
         if isinstance(error, VolsplatError):
-            self._on_event(ServerLost(connection.peer.id, self._cause_of_loss(connection.peer, error)))
+            self._on_event(ServerLost(connection.peer.id, self._ends.cause_of_loss(connection.peer, error)))
             return
         self._tell_fault(connection, SENT_NO_MORE, error)
         log.error("%s %s", connection.peer, SENT_NO_MORE, exc_info=error)
