@@ -22,7 +22,7 @@ class ClusterServers:
     here = False
     replaced = True
 
-    def __init__(self, kept: KeptCluster, lasts: bool, report: Callable[[str], None]) -> None:
+    def __init__(self, kept: KeptCluster, report: Callable[[str], None], *, lasts: bool) -> None:
         """The cluster is closed with the session, unless it `lasts`. Raises BadInput.
 
         `report` gets lines of progress.

@@ -145,8 +145,8 @@ def asked_servers(
         _refuse({"threads": threads, "data_root": data_root}, "this session starts no servers that it would hold for")
     if cluster is not None:
         if isinstance(cluster, KeptCluster):
-            return ClusterServers(cluster, True, report)
-        return ClusterServers(KeptCluster(Path(cluster), report, tell_missing), False, report)
+            return ClusterServers(cluster, report, lasts=True)
+        return ClusterServers(KeptCluster(Path(cluster), report, tell_missing), report, lasts=False)
     workers = usual_servers() if workers is None else checked_count(workers, "workers")
     splat_servers = 1 if splat_servers is None else checked_count(splat_servers, "splat_servers")
     started = None

@@ -56,7 +56,7 @@ class Doctor:
         state = self._running.state()
         if state is not None:
             for title, line in self._running.never_started(state):
-                self._find(Finding(title, "start", False, line))
+                self._find(Finding(title, "start", right=False, line=line))
             self._of_servers(state)
             return
         with ExitStack() as ended:
@@ -87,7 +87,7 @@ class Doctor:
         except ClusterBusy:
             raise
         except BadInput as error:
-            self._find(Finding(self._running.cluster.name, "start", False, str(error)))
+            self._find(Finding(self._running.cluster.name, "start", right=False, line=str(error)))
 
     def _of_servers(self, state: ClusterState) -> None:
         meeting = Meeting(self._running, state)
@@ -119,7 +119,7 @@ class Doctor:
                     raise PeerLost(failure)
                 there[name] = one, meeting.server(one)
             except VolsplatError as error:
-                self._find(Finding(name, "link", False, str(error)))
+                self._find(Finding(name, "link", right=False, line=str(error)))
                 continue
             self._find(servers.joined(*there[name]))
             finding, threads = servers.machine(*there[name], meeting)

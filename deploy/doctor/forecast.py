@@ -39,7 +39,7 @@ def forecast(name: str, drawers: Sequence[Drawer], geometry: Geometry, size: Siz
     told = "; ".join(f"{_rate(model)} if {words} of the voxels shows" for words, model in models.items())
     limit = next(iter(models.values())).limit
     line = f"{size.width} x {size.height}: {told}; limited by {limit}, by a model of quiet machines"
-    return Finding(name, "forecast", True, line)
+    return Finding(name, "forecast", right=True, line=line)
 
 
 def drawn_level(levels: Sequence[Geometry], size: Size) -> Geometry:

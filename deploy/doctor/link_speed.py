@@ -21,17 +21,17 @@ def link_speed(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[
     try:
         nothing = min(_rounds(server, meeting, 0, 0))
     except VolsplatError as error:
-        return Finding(name, "speed", False, str(error)), None
+        return Finding(name, "speed", right=False, line=str(error)), None
     try:
         there = min(_rounds(server, meeting, LARGEST_MEASURE, 0)) - nothing
         back = min(_rounds(server, meeting, 0, LARGEST_MEASURE)) - nothing
     except PeerLost as error:
         line = f"small messages get through, and large ones do not, {LARGEST_MEASURE >> 20} MiB either way: {error}"
-        return Finding(name, "speed", False, line if PATH_CURE in line else f"{line}; {PATH_CURE}"), None
+        return Finding(name, "speed", right=False, line=line if PATH_CURE in line else f"{line}; {PATH_CURE}"), None
     except VolsplatError as error:
-        return Finding(name, "speed", False, str(error)), None
+        return Finding(name, "speed", right=False, line=str(error)), None
     line = f"{nothing * 1e3:.2g} ms there and back, {_rate(there)} to it, {_rate(back)} from it"
-    return Finding(name, "speed", True, line), _bits(max(there, back))
+    return Finding(name, "speed", right=True, line=line), _bits(max(there, back))
 
 
 def _rounds(server: Connection, meeting: Meeting, sent: int, wanted: int) -> Iterator[float]:

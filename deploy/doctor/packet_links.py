@@ -55,5 +55,5 @@ def _link(name: str, worker: Connection, splat: str, route: Route, meeting: Meet
         meeting.ask(worker, ConnectToSplatServers([route]), ConnectedToSplatServers)
     except VolsplatError as error:
         cure = "open that port, or give the splat server's machine: advertise"
-        return Finding(name, "packets", False, f"do not reach {splat}: {error}; {cure}")
-    return Finding(name, "packets", True, f"reach {splat} at {Address(route.host, route.port)}")
+        return Finding(name, "packets", right=False, line=f"do not reach {splat}: {error}; {cure}")
+    return Finding(name, "packets", right=True, line=f"reach {splat} at {Address(route.host, route.port)}")

@@ -28,7 +28,7 @@ def joined(one: KnownServer, server: Connection) -> Finding:
     kind = "by TLS" if server.binding else "within this machine" if server.may_share_memory else "without TLS"
     way = "dialled" if one.wait_at else "it dials this machine"
     line = f"{way}, {kind}, knows the token, protocol version {server.peer.version}"
-    return Finding(one.started.name, "link", True, line)
+    return Finding(one.started.name, "link", right=True, line=line)
 
 
 def machine(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[Finding, int | None]:
@@ -36,9 +36,9 @@ def machine(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[Fin
     try:
         told = meeting.ask(server, DescribeMachine(), MachineDescribed)
     except VolsplatError as error:
-        return Finding(one.started.name, "machine", False, str(error)), None
+        return Finding(one.started.name, "machine", right=False, line=str(error)), None
     line = f"{told.threads} threads, {bytes_text(told.memory_bytes)} of memory left"
-    return Finding(one.started.name, "machine", True, line), told.threads
+    return Finding(one.started.name, "machine", right=True, line=line), told.threads
 
 
 def volume(
@@ -49,12 +49,12 @@ def volume(
     try:
         told = meeting.ask(server, DescribeVolume(path), VolumeDescribed)
     except VolsplatError as error:
-        return Finding(name, "volume", False, str(error)), seen
+        return Finding(name, "volume", right=False, line=str(error)), seen
     if seen is not None and (difference := told.identity.difference(seen.identity)):
         line = f"another one than {seen.by} sees: {difference}; copy the same files to both machines"
-        return Finding(name, "volume", False, line), seen
+        return Finding(name, "volume", right=False, line=line), seen
     line = f"{told.identity.size} bytes, sample's checksum {told.identity.contents[:SHOWN]}"
     same = "" if seen is None else f", as {seen.by} sees it"
     levels = told.prepared.levels if told.prepared else (told.description.geometry,)
     first = seen or Seen(name, told.identity, levels)
-    return Finding(name, "volume", True, line + same), first
+    return Finding(name, "volume", right=True, line=line + same), first

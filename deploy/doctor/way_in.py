@@ -34,7 +34,7 @@ def _hops(machine: Machine) -> Iterator[Finding]:
     try:
         config = ssh_config(machine)
     except BadInput as error:
-        yield Finding(machine.host, "name", False, str(error))
+        yield Finding(machine.host, "name", right=False, line=str(error))
         return
     yield from _by_proxy(machine.host, config) or _directly(machine.host, config)
     yield from _inside(machine, machine.host)
@@ -43,7 +43,7 @@ def _hops(machine: Machine) -> Iterator[Finding]:
 def _by_proxy(host: str, config: Mapping[str, str]) -> list[Finding]:
     """Where ssh goes by another machine this one may see neither name nor port."""
     proxies = [config[key] for key in ("proxyjump", "proxycommand") if config.get(key, "none") != "none"]
-    return [Finding(host, "name", True, f"ssh finds it by way of {proxy}") for proxy in proxies]
+    return [Finding(host, "name", right=True, line=f"ssh finds it by way of {proxy}") for proxy in proxies]
 
 
 def _directly(host: str, config: Mapping[str, str]) -> Iterator[Finding]:
@@ -52,15 +52,15 @@ def _directly(host: str, config: Mapping[str, str]) -> Iterator[Finding]:
         address = socket.getaddrinfo(name, port, type=socket.SOCK_STREAM)[0][4][0]
     except socket.gaierror as error:
         cure = "check host in the cluster file, or give HostName in ~/.ssh/config"
-        yield Finding(host, "name", False, f"{name} is unknown ({error.strerror}); {cure}")
+        yield Finding(host, "name", right=False, line=f"{name} is unknown ({error.strerror}); {cure}")
         return
-    yield Finding(host, "name", True, f"{name} is {address}")
+    yield Finding(host, "name", right=True, line=f"{name} is {address}")
     try:
         dialled_socket(Address(name, port), f"sshd at {name}:{port}").close()
     except VolsplatError as error:
-        yield Finding(host, "port", False, str(error))
+        yield Finding(host, "port", right=False, line=str(error))
         return
-    yield Finding(host, "port", True, f"{port} answers")
+    yield Finding(host, "port", right=True, line=f"{port} answers")
 
 
 def _inside(machine: Machine, host: str) -> Iterator[Finding]:
@@ -69,9 +69,9 @@ def _inside(machine: Machine, host: str) -> Iterator[Finding]:
     try:
         said = run_there(machine, script, "").splitlines()
     except BadInput as error:
-        yield Finding(host, "ssh", False, str(error).removeprefix(f"{host}: "))
+        yield Finding(host, "ssh", right=False, line=str(error).removeprefix(f"{host}: "))
         return
-    yield Finding(host, "ssh", True, "lets this user in without asking")
+    yield Finding(host, "ssh", right=True, line="lets this user in without asking")
     yield _clock(host, said[0], before, time.time())
     yield _version(host, one_line(" ".join(said[1:])))
 
@@ -81,16 +81,20 @@ def _clock(host: str, said: str, before: float, after: float) -> Finding:
     try:
         there = float(said)
     except ValueError:
-        return Finding(host, "clock", False, f"date answers {said!r}; volsplat needs GNU's or busybox's")
+        return Finding(host, "clock", right=False, line=f"date answers {said!r}; volsplat needs GNU's or busybox's")
     off = there - before if there < before else max(0.0, there - after)
     if abs(off) < CLOCK_SECONDS:
-        return Finding(host, "clock", True, f"no further from this machine's than {CLOCK_SECONDS:g} s")
+        return Finding(host, "clock", right=True, line=f"no further from this machine's than {CLOCK_SECONDS:g} s")
     way = "behind" if off < 0 else "ahead of"
-    return Finding(host, "clock", False, f"{abs(off):.3g} s {way} this machine's; have both keep time by NTP")
+    return Finding(
+        host, "clock", right=False, line=f"{abs(off):.3g} s {way} this machine's; have both keep time by NTP"
+    )
 
 
 def _version(host: str, said: str) -> Finding:
     here = version("volsplat")
     if said.split()[-1:] == [here]:
-        return Finding(host, "version", True, f"volsplat {here}, as here")
-    return Finding(host, "version", False, f"{said or 'nothing'} there, volsplat {here} here; install the same on both")
+        return Finding(host, "version", right=True, line=f"volsplat {here}, as here")
+    return Finding(
+        host, "version", right=False, line=f"{said or 'nothing'} there, volsplat {here} here; install the same on both"
+    )
