@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Literal, get_args
+from typing import Literal
 
 import msgspec
 
@@ -23,7 +23,6 @@ from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_cent
 from volsplat.protocol.text.errors import BadInput
 
 TurningAxis = Literal["screen-x", "screen-y", "screen-z", "grid-i", "grid-j", "grid-k"]
-TURNING_AXES: tuple[TurningAxis, ...] = get_args(TurningAxis)
 
 _SAME_DIRECTION = 1e-6  # radians; below it a straight line is as good as an arc
 _LIGHT_AMOUNTS = ("shadows", "occlusion", "depth_cue", "silhouettes")

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import numpy as np
@@ -13,7 +14,7 @@ from support.scenes.arbitrary import bounds_within, geometries, plain_scene, qua
 from support.scenes.scenes import colour_tables, scalar_tables
 from tolerances import ROTATION_ENTRY, ROUNDING
 from volsplat.client.command.render_options import SceneOptions
-from volsplat.client.movie.key_frames import TURNING_AXES, TurningAxis, key_framed, rotation_between, turntable
+from volsplat.client.movie.key_frames import TurningAxis, key_framed, rotation_between, turntable
 from volsplat.client.movie.table_windows import in_window
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Bounds, Light, Quantise, Reconstruction, Scene, View
@@ -29,7 +30,7 @@ from volsplat.protocol.text.errors import BadInput
 
 GRID = Geometry((10, 20, 30))
 PARTS = st.floats(0, 1)
-axes = st.sampled_from(TURNING_AXES)
+axes: st.SearchStrategy[TurningAxis] = st.sampled_from(get_args(TurningAxis))
 
 
 def entries(rotation: Quaternion) -> tuple[float, ...]:
