@@ -3,12 +3,13 @@
 /entry/data,t=3        2,c=1        dims=256x256x113,type=uint16,endian=big        spacing=1x1x2
 
 What has no `=` before the first option belongs to the path; after it, to the option before: spacing=1,1,2 is one
-option. So paths may hold commas, and an `=` that does not follow a plain word.
+option. So paths may hold commas, and an `=` that does not follow a plain word; others, as `a,c=d`, where a file that
+has them is asked for the longest that it has.
 """
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from volsplat.protocol.text.errors import BadInput
@@ -79,12 +80,17 @@ class ArrayPart(NamedTuple):
         return numbers
 
 
-def array_part(place: object, part: str) -> ArrayPart:
-    """The pieces of `part`. Raises BadInput if an option has no value or is given twice."""
-    path: list[str] = []
+def array_part(place: object, part: str, is_path: Callable[[str], bool] = lambda path: False) -> ArrayPart:
+    """The pieces of `part`; the longest beginning that `is_path` is its path, whatever it looks like.
+
+    Raises BadInput if an option has no value or is given twice.
+    """
+    items = part.split(",") if part else []
+    length = next((n for n in range(len(items), 0, -1) if is_path(",".join(items[:n]).strip())), 0)
+    path = items[:length]
     options: dict[str, str] = {}
     key = ""
-    for item in part.split(",") if part else []:
+    for item in items[length:]:
         if match := _OPTION.fullmatch(item):
             key, value = match[1], match[2].strip()
             if not value or key in options:

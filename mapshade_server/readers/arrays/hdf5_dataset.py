@@ -34,6 +34,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.arrays.hdf5_names import (
     MOST_OBJECTS,
+    FilesByLinks,
     behind,
     check_files_beside,
     check_way,
@@ -73,9 +74,9 @@ def recognises(head: bytes) -> bool:
 
 def open_hdf5(path: Path, part: str) -> OpenedVolume:
     """The reader for a dataset. Raises BadInput if none is a volume, or the person must choose one."""
-    chosen = array_part(path, part)
     with _opened(path) as file:
         refuse_outside(path)
+        chosen = array_part(path, part, lambda name: _has(file, name))
         if (image := image_in(chosen, file)) is not None:
             return _image(chosen, image, file)
         name, dataset, parts = _dataset(chosen, file)
@@ -204,6 +205,11 @@ def _dataset(part: ArrayPart, file: Any) -> tuple[str, Any, list[Part]]:
     raise choose_one(part, part.whole, _told(volumes))
 
 
+def _has(file: Any, path: str) -> bool:
+    check_way(file, path)
+    return bool(path) and path in file
+
+
 def _leads_nowhere(part: ArrayPart, file: Any) -> BadInput:
     link = file.get(part.path, getlink=True)
     if isinstance(link, h5py().ExternalLink):
@@ -227,16 +233,17 @@ def _arrays(group: Any, root: str) -> dict[str, Any]:
             found.setdefault(one, path)
         return True if left <= 0 else None
 
-    while to_look_at and left > 0:
-        way, at = to_look_at.popleft()
-        at.visititems(lambda inner, one, way=way: look(f"{way}/{inner}", one))
-        soft = soft_links(at, MOST_OBJECTS) if at != at.file["/"] else []  # nothing lies outside of a whole file
-        for inner in (*(name for name, _ in links_out(at, MOST_OBJECTS)), *soft):
-            one = behind(at, inner)
-            look(f"{way}/{inner}", one)
-            if isinstance(one, h5py().Group) and one not in seen:
-                seen.add(one)
-                to_look_at.append((f"{way}/{inner}", one))
+    with FilesByLinks() as files:
+        while to_look_at and left > 0:
+            way, at = to_look_at.popleft()
+            at.visititems(lambda inner, one, way=way: look(f"{way}/{inner}", one))
+            soft = soft_links(at, MOST_OBJECTS) if at != at.file["/"] else []  # nothing lies outside of a whole file
+            for inner in (*(name for name, _ in links_out(at, MOST_OBJECTS)), *soft):
+                one = behind(at, inner, files)
+                look(f"{way}/{inner}", one)
+                if isinstance(one, h5py().Group) and one not in seen:
+                    seen.add(one)
+                    to_look_at.append((f"{way}/{inner}", one))
     return {path: one for one, path in found.items()}
 
 

@@ -2,9 +2,9 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from volsplat.mapshade_server.readers.arrays.hdf5_file import h5py, hdf5_file
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
@@ -70,11 +70,40 @@ def _links(group: Any, most: int, kind: int) -> list[str]:
     return found
 
 
-def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> list[Path]:
-    """The files that external links on the way to a path lead to.
+class FilesByLinks:
+    """Files that external links lead to, for a block in which many are followed.
+
+    Some stay open until its end: to close one, h5py goes through all that is open of any.
+    """
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self._open: dict[Path, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def opened(self, place: Path) -> Any:
+        """Raises OSError for one that is cut short."""
+        if place not in self._open:
+            if len(self._open) == MOST_HOPS:
+                self._stack.close()
+                self._open.clear()
+            self._open[place] = self._stack.enter_context(hdf5_file(place))
+        return self._open[place]
+
+
+def check_way(group: Any, path: str, files: FilesByLinks | None = None, hops: int = MOST_HOPS) -> list[Path]:
+    """The files that external links on the way to a path lead to, which may be among `files`.
 
     Raises BadInput if one leads to what is no file: HDF5 would wait for a FIFO.
     """
+    if files is None:
+        with FilesByLinks() as files:
+            return check_way(group, path, files, hops)
     at, steps = (
         group.file if path.startswith("/") else group,
         [step for step in path.split("/") if step not in ("", ".")],
@@ -82,29 +111,29 @@ def check_way(group: Any, path: str, hops: int = MOST_HOPS) -> list[Path]:
     for n, step in enumerate(steps):
         link, rest = at.get(step, getlink=True), "/".join(steps[n + 1 :])
         if isinstance(link, h5py().ExternalLink):
-            return _check_way_out(at, link, rest, hops)
+            return _check_way_out(at, link, rest, files, hops)
         if isinstance(link, h5py().SoftLink) and hops:
-            return check_way(at, f"{link.path}/{rest}", hops - 1)
+            return check_way(at, f"{link.path}/{rest}", files, hops - 1)
         if not (isinstance(link, h5py().HardLink) and isinstance(at[step], h5py().Group)):
             break
         at = at[step]
     return []
 
 
-def _check_way_out(group: Any, link: Any, rest: str, hops: int) -> list[Path]:
+def _check_way_out(group: Any, link: Any, rest: str, files: FilesByLinks, hops: int) -> list[Path]:
     if (place := found_beside(Path(group.file.filename), link.filename)) is None:
         return []
     check_is_file(place)
     passed = [place]
     if hops and h5py().is_hdf5(place):
-        with suppress(OSError), hdf5_file(place) as other:  # cut short, it leads nowhere
-            passed += check_way(other, f"{link.path}/{rest}", hops - 1)
+        with suppress(OSError):  # cut short, it leads nowhere
+            passed += check_way(files.opened(place), f"{link.path}/{rest}", files, hops - 1)
     return passed
 
 
-def behind(group: Any, name: str) -> Any:
+def behind(group: Any, name: str, files: FilesByLinks | None = None) -> Any:
     """What a link of the group leads to, None if that is not there. Raises BadInput if it is no file."""
-    check_way(group, name)
+    check_way(group, name, files)
     with suppress(RuntimeError):  # links that lead round in a circle
         return group.get(name)
     return None
@@ -112,11 +141,12 @@ def behind(group: Any, name: str) -> Any:
 
 def lost_links(group: Any) -> list[str]:
     """External links that lead nowhere, as a line tells them."""
-    return [
-        f"{name}, which leads to {link.path} of {link.filename}, which is not there"
-        for name, link in links_out(group, MOST_OBJECTS)
-        if behind(group, name) is None
-    ]
+    with FilesByLinks() as files:
+        return [
+            f"{name}, which leads to {link.path} of {link.filename}, which is not there"
+            for name, link in links_out(group, MOST_OBJECTS)
+            if behind(group, name, files) is None
+        ]
 
 
 def refuse_outside(path: Path) -> None:

@@ -4,7 +4,9 @@ import gzip
 import re
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -49,6 +51,32 @@ def netcdf(path: Path, stored: Any, scales: dict[str, tuple[Any, dict[str, Any]]
             variable.dims[n].attach_scale(scale)
 
     return written(path, fill)
+
+
+@given(names=st.lists(st.text("ab,=/t3 ", min_size=1, max_size=8).filter(lambda name: name.strip(" /")), min_size=1))
+def test_a_dataset_is_chosen_by_its_path_whatever_letters_that_has(names: list[str]) -> None:
+    with TemporaryDirectory() as folder:
+        path, paths = Path(folder, "volume.h5"), list[str]()
+        with h5py.File(path, "w") as file:
+            for name in names:
+                with suppress(ValueError, TypeError, OSError):  # there is one, or a dataset lies on the way
+                    file[name.strip(" ")] = np.full((2, 2, 2), len(paths), np.uint8)
+                    paths.append(name.strip(" "))
+        for n, name in enumerate(paths):
+            assert (read_whole(f"{path}#{name}") == n).all()
+
+
+def test_options_follow_a_path_that_looks_like_one(tmp_path: Path) -> None:
+    """Of several paths that the name begins with the longest is meant."""
+    values = values_of("int16")
+
+    def fill(file: Any) -> None:
+        file["a"] = np.zeros((5, *values.shape), values.dtype)
+        file["a,t=3"] = np.stack([values, values + 1])
+
+    path = written(tmp_path / "v.h5", fill)
+    np.testing.assert_array_equal(read_whole(f"{path}#a,t=3,axis0=1"), values + 1)
+    assert (read_whole(f"{path}#a,axis0=2") == 0).all()
 
 
 @pytest.mark.parametrize("endian", ["<", ">"])

@@ -77,6 +77,41 @@ def test_a_group_of_links_to_other_files_that_a_link_leads_to_is_gone_through(tm
     assert described(top).format == "HDF5 dataset /way/far"
 
 
+def test_however_many_links_lead_into_a_file_it_is_opened_as_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To close it h5py goes through all that is open, so that the time would grow with the square of the links."""
+    closed = list[str]()
+    close = h5py.File.close
+
+    def counts(file: Any) -> None:
+        closed.append(file.filename if file else "")
+        close(file)
+
+    monkeypatch.setattr(h5py.File, "close", counts)
+
+    def times_closed(links: int) -> int:
+        folder = tmp_path / str(links)
+        folder.mkdir()
+
+        def fill(file: Any) -> None:
+            file["far"] = h5py.ExternalLink("leaf.h5", "/")
+            for n in range(links):
+                file[f"plot/{n}"] = h5py.SoftLink(f"/far/{n}")
+
+        written(folder / "leaf.h5", lambda file: [file.__setitem__(str(n), VALUES + n) for n in range(links)])
+        written(folder / "mid.h5", fill)
+        top = written(folder / "top.h5", lambda file: file.__setitem__("way", h5py.ExternalLink("mid.h5", "/plot")))
+        closed.clear()
+        with pytest.raises(PartNeeded) as needed:
+            open_volume(str(top))
+        assert len(needed.value.parts) == links
+        np.testing.assert_array_equal(read_whole(f"{top}#way/1"), VALUES + 1)
+        return len(closed)
+
+    assert times_closed(30) == times_closed(3)
+
+
 def round_in_circles(file: Any) -> None:
     file["data"] = VALUES
     file["a"], file["b"] = h5py.SoftLink("/b"), h5py.SoftLink("/a")
