@@ -28,6 +28,7 @@ from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Kernel, Reconstruction
 from volsplat.protocol.rules.footprint_shape import kernel_radius
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 SECONDS = st.floats(1e-4, 10.0)
 SCENE = plain_scene(size=(512, 512))
@@ -134,6 +135,16 @@ def test_one_image_that_took_long_changes_nothing() -> None:
     pacing.measured(WHOLE, SHELLS[-1] / 1e3)
     *_, place = dragged(pacing, SHELLS, WARM_UP)
     pacing.measured(RUNGS[place], 1.0)
+    assert pacing.while_moving(SCENE) == RUNGS[place]
+
+
+def test_a_picture_at_rest_that_was_held_up_has_nothing_worse_drawn_next() -> None:
+    pacing = Pacing()
+    pacing.measured(WHOLE, SHELLS[-1] / 1e3)
+    *_, place = dragged(pacing, SHELLS, WARM_UP)
+    for step in PAPER_STEPS[:-1]:
+        pacing.measured(Rung(step), 0.01)
+    pacing.measured(WHOLE, 1.5 * SHELLS[-1] / 1e3)
     assert pacing.while_moving(SCENE) == RUNGS[place]
 
 

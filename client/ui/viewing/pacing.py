@@ -107,9 +107,9 @@ class Pacing:
         self._images = self._images + 1 if rung == self._drawn else 1
         self._drawn = rung
         pace = self._pace.get(rung.step)
-        if rung.is_whole:
-            self._pace[rung.step] = seconds
-            self._forget(0.5)
+        if rung.is_whole:  # at rest, when pages take in larger pictures: it may have been held up, and counts half
+            self._pace[rung.step] = seconds if pace is None else math.sqrt(pace * seconds)
+            self._forget(rung.step, 0.5)
             return
         if pace is None:
             self._pace[rung.step] = seconds / self._cost(rung)
@@ -121,7 +121,7 @@ class Pacing:
         learns = self._images <= _LEARNT and self._learns(rung, seconds / pace)
         if not learns:
             self._pace[rung.step] = pace + _NEWEST_WEIGHT * (seconds / self._cost(rung) - pace)
-        self._forget(_FORGOTTEN)
+        self._forget(rung.step, _FORGOTTEN)
 
     def expected(self, rung: Rung) -> float | None:
         """Seconds that it will take; None if nothing is known of its step."""
@@ -171,10 +171,11 @@ class Pacing:
         self._costs[rung] = min(max(mean, likely / _LEARN_TO), likely * _LEARN_TO)
         return self._costs[rung] == mean
 
-    def _forget(self, part: float) -> None:
+    def _forget(self, step: Step, part: float) -> None:
         """What was slow once is not drawn again, and must not be thought slow for ever."""
         for rung, cost in self._costs.items():
-            self._costs[rung] = cost ** (1 - part) * _likely_cost(rung) ** part
+            if rung.step == step:
+                self._costs[rung] = cost ** (1 - part) * _likely_cost(rung) ** part
 
 
 def _likely_cost(rung: Rung) -> float:
