@@ -9,10 +9,15 @@ function fieldOf(target) {
   return target instanceof HTMLInputElement && target.matches(FIELD) ? target : null;
 }
 
+/** @param {HTMLElement} field */
+function isSeen(field) {
+  return field.getClientRects().length > 0 && getComputedStyle(field).visibility === "visible";
+}
+
 function bringBack() {
   const { name, typed } = JSON.parse(sessionStorage.getItem(KEPT) ?? "{}");
   const fields = [.../** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll(FIELD))];
-  const field = fields.find((one) => one.ariaLabel === name && one.checkVisibility({ visibilityProperty: true }));
+  const field = fields.find((one) => one.ariaLabel === name && isSeen(one));
   if (name === undefined || field === undefined || field.value === typed) return;
   field.focus();
   field.value = typed;
