@@ -93,9 +93,9 @@ PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.
 NO_PATH := $(addprefix --deselect tests/exactness/test_reference.py::test_,both_orders_of_the_reference_agree \
 	what_is_quantised_on_the_wire_hardly_shows)
 
-# The page is tested in a real browser (Debian's shell of it does a page for half the work), movies with ffmpeg, machines
-# of a lab with sshd, which package openssh-server brings, their networks with nft of nftables, and clusters with Slurm;
-# where they cannot be installed, those tests say so.
+# The page is tested in a real Chromium (Debian's shell of it does a page for half the work) and a real Firefox, movies
+# with ffmpeg, machines of a lab with sshd, which package openssh-server brings, their networks with nft of nftables, and
+# clusters with Slurm; where they cannot be installed, those tests say so.
 TOOLS := ffmpeg sshd nft
 ENGINES := munged slurmctld slurmd
 # Of the programs that are its argument, those that are missing.
@@ -110,6 +110,8 @@ tools:
 	@$(call INSTALL,$(TOOLS))
 	@{ [ "$$(id -u)" != 0 ] && command -v chromium > /dev/null; } || ($(call INSTALL,chromium-headless-shell)) || \
 		($(call INSTALL,chromium))
+	@{ [ "$$(id -u)" != 0 ] && command -v firefox > /dev/null; } || ($(call INSTALL,firefox-esr)) || \
+		echo "no Firefox could be installed; tests that need it will be skipped"
 	@($(call INSTALL,$(ENGINES))) || echo "no Slurm could be installed; tests that need it will be skipped"
 
 CPP := $(foreach room,kernels kernels/channels kernels/tables */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))
