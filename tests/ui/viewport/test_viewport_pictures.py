@@ -365,6 +365,28 @@ def standing(shown: ShownViewport, rotation: Sequence[float], room: float = 100)
     return dict(sides)
 
 
+def test_scale_bars_are_drawn_a_few_times_a_second_while_the_view_moves_and_at_once_at_rest(
+    shown: ShownViewport,
+) -> None:
+    told: list[str] = shown.page.evaluate(
+        """async () => {
+            const { ScaleBars } = await import("/static/viewport/scale_bar.js");
+            const scales = [{ axis: null, name: "", length: 1, unit: "mm" }];
+            const bars = new ScaleBars({ reference_spacing: 1, scales });
+            const now = performance.now;
+            const at = (clock, zoom, moving) => {
+                performance.now = () => clock;
+                bars.draw(zoom, 512, null, moving);
+                return bars.element.textContent;
+            };
+            const told = [at(0, 1, true), at(40, 2, true), at(300, 2, true), at(340, 4, true), at(341, 4, false)];
+            performance.now = now;
+            return told;
+        }"""
+    )
+    assert told == ["100 mm", "100 mm", "50 mm", "50 mm", "20 mm"]
+
+
 def drawn_pixels(canvas: Locator) -> NDArray[np.bool_]:
     """(rows, columns): whether something is drawn there."""
     alphas: list[int] = canvas.evaluate(

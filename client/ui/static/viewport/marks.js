@@ -60,7 +60,7 @@ export class Marks {
     const projection = new Projection(picture.view, this.grid, picture);
     this.box.place(projection, frame, moving);
     this.cube.draw(picture.view.rotation);
-    this.scale.draw(picture.view.zoom * frame.scale, frame.element.width, projection);
+    this.scale.draw(picture.view.zoom * frame.scale, frame.element.width, projection, moving);
     const at = (/** @type {import("./rotation.js").Vector} */ point) =>
       frame.toElement(/** @type {Point} */ (projection.at(point).slice(0, 2)));
     this.#measuring.draw(this.#measured, (point) => ({ at: at(point), near: true }));

@@ -3,6 +3,7 @@
 const LONGEST = 140; // CSS pixels
 const LEAST_ACROSS = Math.sin((20 * Math.PI) / 180); // of an axis: one that is nearer the line of sight has no bar
 const SHARE = 0.36; // of the picture's room, at most: the cube stands beside the bars
+const PAUSE = 250; // milliseconds between two looks of bars while the view moves: each has the whole page painted anew
 
 /** @typedef {import("./viewport_messages.d.ts").Scale} Scale */
 
@@ -21,6 +22,7 @@ function acrossSight([x, y, z]) {
 export class ScaleBars {
   #bars;
   #reference;
+  #drawnAt = -Infinity;
 
   /** @param {import("./viewport_messages.d.ts").VolumeTold} volume */
   constructor(volume) {
@@ -33,9 +35,12 @@ export class ScaleBars {
 
   /**
    * @param {number} zoom CSS pixels per reference spacing @param {number} width CSS pixels that the picture has
-   * @param {import("./camera.js").Projection} projection
+   * @param {import("./camera.js").Projection} projection @param {boolean} moving whether it will be drawn again soon
    */
-  draw(zoom, width, projection) {
+  draw(zoom, width, projection, moving) {
+    const now = performance.now();
+    if (moving && now - this.#drawnAt < PAUSE) return;
+    this.#drawnAt = now;
     const longest = Math.min(LONGEST, SHARE * width);
     for (const bar of this.#bars) bar.draw(zoom / this.#reference, longest, projection);
   }
