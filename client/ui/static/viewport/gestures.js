@@ -10,7 +10,7 @@ const CLICK = 3; // CSS pixels: what moves less is a click
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST = 200; // wheel pixels that count at once
 const LINE = 33; // wheel pixels of a line, if a browser counts in lines
-const SOONEST = "onpointerrawupdate" in window ? "pointerrawupdate" : null; // in Chromium
+const SOONEST = "onpointerrawupdate" in window ? "pointerrawupdate" : null; // in Chromium and Firefox
 const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
 
 /** @typedef {import("./camera.js").Point} Point */
