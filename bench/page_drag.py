@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import bisect
 import math
 import statistics
+import time
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from volsplat.bench.chromium_tab import ChromiumTab
 from volsplat.bench.ssim import luminance, ssim
 from volsplat.protocol.text.errors import VolsplatError
 
 if TYPE_CHECKING:
-    from playwright.async_api import Page
     from torch import Tensor
 
 MOVES_PER_SECOND = 60
 MOVES_OF_A_ROUND = 120
 PLACES = 120  # on the circle, where the pointer might press
-PAGE_WAIT = 60_000  # milliseconds, for pictures of the page
 # To the end, and in the size of the window: before the page has told it, another size may be finished.
 REFINED = """() => {
     const viewport = window.volsplatViewport, picture = viewport?.log.at(-1);
@@ -30,12 +28,16 @@ REFINED = """() => {
         picture.height === viewport.canvas.clientHeight * devicePixelRatio;
 }"""
 # Places on a circle about the middle of the picture on which nothing lies, as radians.
-_BARE = """([x, y, radius, places]) => {
+_BARE = """(x, y, radius, places) => {
     const angles = [...Array(places).keys()].map((n) => (2 * Math.PI * n) / places);
     const top = (angle) => document.elementFromPoint(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
     return angles.filter((angle) => top(angle) === window.volsplatViewport.canvas);
 }"""
 _CANVAS = "() => { const c = window.volsplatViewport.canvas; return [c.clientWidth, c.clientHeight]; }"
+_PICTURE = """() => {
+    const { x, y, width, height } = document.querySelector(".vs-picture").getBoundingClientRect();
+    return [x + width / 2, y + height / 2, height / 4];
+}"""
 _ROTATION = "() => window.volsplatViewport.view.rotation"
 _NOTES = """() => ({
     sent: window.volsplatViewport.sent.map(({ event, at }) => [event, at]),
@@ -55,13 +57,14 @@ _SEEN = """() => {
 _STREAMED = "() => window.volsplatViewport?.log.length > 0"
 # Milliseconds since 1970: when a page's own image was painted, and when the viewport drew its first picture.
 _PAINTED = """new PerformanceObserver((list) => {
-    for (const { renderTime } of list.getEntries()) volsplatPainted(performance.timeOrigin + renderTime);
+    for (const { renderTime } of list.getEntries()) volsplatPainted(String(performance.timeOrigin + renderTime));
 }).observe({ type: "element", buffered: true });"""
 _STARTED = "() => performance.timeOrigin + window.volsplatViewport.log[0].shownAt"
-_CAUGHT_UP = """() => {
-    const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);
-    return sent && shown && shown.event >= sent.event;
-}"""
+_SEEN_AT_THE_END = f"""async () => {{
+    const {{ sent, log }} = window.volsplatViewport;
+    while (!(log.at(-1)?.event >= sent.at(-1).event)) await new Promise(requestAnimationFrame);
+    return ({_SEEN})();
+}}"""
 
 
 class Start(NamedTuple):
@@ -129,92 +132,71 @@ class Drag:
         return statistics.median(late[-third:]) - statistics.median(late[:third])
 
 
-async def started(tab: Page, address: str, began: float) -> Start:
+def started(tab: ChromiumTab, address: str, began: float) -> Start:
     """How long it took from `began`, by time.time(), to the first pictures of the page at the address, now loaded."""
     painted: list[float] = []
-    await tab.expose_function("volsplatPainted", lambda at: painted.append(at))
-    await tab.add_init_script(_PAINTED)
-    await tab.goto(address)
-    await tab.wait_for_function(_STREAMED, timeout=PAGE_WAIT)
-    streamed = await tab.evaluate(_STARTED)
+    tab.before_scripts(_PAINTED, "volsplatPainted", lambda at: painted.append(float(at)))
+    tab.open(address)
+    tab.wait_for(_STREAMED)
+    streamed = tab.evaluate(_STARTED)
     return Start(min([*painted, streamed]) / 1e3 - began, streamed / 1e3 - began)
 
 
-async def show_in(tab: Page, side: int) -> None:
+def show_in(tab: ChromiumTab, side: int) -> None:
     """Have the volume refined to the end in a picture of `side` pixels each way, by the size of the window."""
-    await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
-    while (size := await tab.evaluate(_CANVAS)) != [side, side]:  # what stands around the picture may still grow
-        window = tab.viewport_size
-        assert window is not None
-        await tab.set_viewport_size(
-            {"width": window["width"] + side - size[0], "height": window["height"] + side - size[1]}
-        )
-        await tab.wait_for_function(f"(old) => ({_CANVAS})().join() !== old.join()", arg=size, timeout=PAGE_WAIT)
-        await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
+    tab.wait_for(REFINED)
+    while (size := tab.evaluate(_CANVAS)) != [side, side]:  # what stands around the picture may still grow
+        width, height = tab.window
+        tab.set_window(width + side - size[0], height + side - size[1])
+        tab.wait_for(f"(...old) => ({_CANVAS})().join() !== old.join()", *size)
+        tab.wait_for(REFINED)
 
 
-async def dragged(tab: Page, moves: int) -> Drag:
+def dragged(tab: ChromiumTab, moves: int) -> Drag:
     """Turn the volume with the pointer, evenly, and read what the page noted.
 
     Raises VolsplatError if what was pressed did something else.
     """
-    box = await tab.locator(".vs-picture").bounding_box()
-    assert box is not None
-    middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
-    begin = await _bare_place(tab, middle_x, middle_y, radius)
-    # Not by the tab's own mouse, which has the page run two scripts at each move with a button held.
-    hand = await tab.context.new_cdp_session(tab)
+    middle_x, middle_y, radius = tab.evaluate(_PICTURE)
+    begin = _bare_place(tab, middle_x, middle_y, radius)
 
-    async def point(what: str, n: int) -> None:
+    def place(n: int) -> tuple[float, float]:
         angle = begin + 2 * math.pi * n / MOVES_OF_A_ROUND
-        x, y = middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle)
-        event = {"type": what, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1}
-        await hand.send("Input.dispatchMouseEvent", event)
+        return middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle)
 
-    async def move(n: int) -> None:
-        await point("mouseMoved", n)
-
-    rotation = await tab.evaluate(_ROTATION)
-    await point("mousePressed", 0)
-    await move(1)
-    if await tab.evaluate(_ROTATION) == rotation:
+    rotation = tab.evaluate(_ROTATION)
+    tab.point("mousePressed", *place(0))
+    tab.point("mouseMoved", *place(1))
+    if tab.evaluate(_ROTATION) == rotation:
         raise VolsplatError("the pointer that was to turn the volume did not turn it")
-    await tab.evaluate(_FORGET)
-    await _evenly(move, range(2, moves + 2))
-    await tab.wait_for_function(_CAUGHT_UP, timeout=PAGE_WAIT)
-    noted = await tab.evaluate(_NOTES)
-    moving = await _seen(tab)
-    await point("mouseReleased", moves + 1)
-    await hand.detach()
-    await tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
-    likeness = ssim(moving, await _seen(tab))
+    tab.evaluate(_FORGET)
+    due = time.monotonic()
+    for n in range(2, moves + 2):
+        tab.move_on(*place(n))
+        due += 1 / MOVES_PER_SECOND
+        tab.rest(due - time.monotonic())
+    moving = _seen(tab, _SEEN_AT_THE_END)  # at once, before the page has it refined
+    noted = tab.evaluate(_NOTES)
+    tab.point("mouseReleased", *place(moves + 1))
+    tab.wait_for(REFINED)
+    likeness = ssim(moving, _seen(tab, _SEEN))
     return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
 
 
-async def _evenly(move: Callable[[int], Coroutine[None, None, None]], places: Iterable[int]) -> None:
-    """As a hand moves, which does not wait for the page: Chromium tells of a move only once its frame is drawn."""
-    loop = asyncio.get_running_loop()
-    due, moved = loop.time(), []
-    for n in places:
-        moved.append(asyncio.create_task(move(n)))
-        due += 1 / MOVES_PER_SECOND
-        await asyncio.sleep(max(0.0, due - loop.time()))
-    await asyncio.gather(*moved)
-
-
-async def _seen(tab: Page) -> Tensor:
-    """The luminance of what is on the canvas, (H, W) 0..1, as large as it is shown."""
+def _seen(tab: ChromiumTab, seen: str) -> Tensor:
+    """The luminance of what is on the canvas, (H, W) 0..1, as large as it is shown. `seen` is one of the functions
+    above."""
     import torch
 
-    width, height, text = await tab.evaluate(_SEEN)
+    width, height, text = tab.evaluate(seen)
     colours = torch.frombuffer(bytearray(base64.b64decode(text)), dtype=torch.uint8).reshape(height, width, 4)
     return luminance(colours.double() / 255.0)
 
 
-async def _bare_place(tab: Page, x: float, y: float, radius: float) -> float:
+def _bare_place(tab: ChromiumTab, x: float, y: float, radius: float) -> float:
     """The angle of a place on the circle that is farthest from handles and all else that lies over the picture."""
-    await tab.mouse.move(x, y)  # the handles are there only under a pointer
-    bare: list[float] = await tab.evaluate(_BARE, [x, y, radius, PLACES])
+    tab.point("mouseMoved", x, y, button="none")  # the handles are there only under a pointer
+    bare: list[float] = tab.evaluate(_BARE, x, y, radius, PLACES)
     if not bare:
         raise VolsplatError("no place of the picture is bare")
     runs = [[bare[0]]]

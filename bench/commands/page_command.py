@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import os
 import re
-import shutil
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 import click
 
+from volsplat.bench.chromium_tab import chromium_tab
 from volsplat.bench.page_drag import Drag, Start, dragged, show_in, started
 from volsplat.bench.slow_link import slow_link
 from volsplat.bench.subject import Subject, volume_file
@@ -32,12 +31,6 @@ from volsplat.client.command.side_console import SideConsole
 from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
-if TYPE_CHECKING:
-    from playwright.async_api import Page
-
-# As root it has no sandbox; and without a graphics card, drawing by the plain rasteriser takes half of the time.
-BROWSERS = "chromium", "google-chrome", "chromium-headless-shell"
-CHROMIUM_OPTIONS = ["--no-sandbox", "--disable-gpu"]
 WARM_UP_MOVES = 180
 SHORT_MOVES, MORE_ENDS = 60, 4  # drags at whose end it is seen how like a moving picture is
 IMAGE = 512
@@ -59,30 +52,29 @@ _ADDRESS = re.compile(r"http://[^\"\s]+token=[\w-]+")
 def page(workers: int, moves: int, link: str | None, **settings: Any) -> None:
     """Drag VOLUME about in headless Chromium, and time it from the pointer's event to the canvas's change."""
     outputs = Outputs.of(settings)
-    need("playwright", "a browser to measure in", "bench")
+    need("psutil", "a browser to measure in", "bench")
     need("nicegui", "the page", "ui")
     line = _link(link) if link else None
     subject = Subject.of(settings)
     with SideConsole().status("starting") as status, volume_file(subject, status.update) as path:
-        start, drag, likenesses = asyncio.run(_measured(path, workers, moves, line, status.update))
+        start, drag, likenesses = _measured(path, workers, moves, line, status.update)
     through = f", through {link.replace(',', ' Mbit/s, ')} ms" if link else ""
     title = f"{workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves{through}"
     report(start, drag, likenesses, title, outputs)
 
 
-async def _measured(
+def _measured(
     path: str, workers: int, moves: int, line: tuple[float, float] | None, tell: Callable[[str], None]
 ) -> tuple[Start, Drag, list[float]]:
     """The start, the drag that is timed, and the likeness at the end of it and of some more."""
-    async with _tab() as tab:
-        with _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
-            start = await started(tab, reached, began)
-            await show_in(tab, IMAGE)
-            tell("dragging, to warm up")
-            await dragged(tab, WARM_UP_MOVES)
-            tell(f"dragging, {moves} moves")
-            drag = await dragged(tab, moves)
-            more = [await dragged(tab, SHORT_MOVES) for _ in range(MORE_ENDS)]
+    with chromium_tab() as tab, _viewed(path, workers) as (address, began), _slowed(address, line) as reached:
+        start = started(tab, reached, began)
+        show_in(tab, IMAGE)
+        tell("dragging, to warm up")
+        dragged(tab, WARM_UP_MOVES)
+        tell(f"dragging, {moves} moves")
+        drag = dragged(tab, moves)
+        more = [dragged(tab, SHORT_MOVES) for _ in range(MORE_ENDS)]
     return start, drag, [drag.likeness, *(short.likeness for short in more)]
 
 
@@ -143,20 +135,6 @@ def _address(process: subprocess.Popen[str], opened: Path) -> str:
     found = _ADDRESS.search(opened.read_text("utf-8"))
     assert found is not None, "the browser is led to the page"
     return found[0]
-
-
-@asynccontextmanager
-async def _tab() -> AsyncIterator[Page]:
-    """An empty tab."""
-    from playwright.async_api import async_playwright
-
-    chromium = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if chromium is None:
-        raise BadInput("this benchmark needs Chromium: apt install chromium")
-    async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
-        yield await browser.new_page(viewport={"width": 1280, "height": 800})
-        await browser.close()
 
 
 @contextmanager

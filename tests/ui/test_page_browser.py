@@ -17,7 +17,7 @@ from PIL import Image as PillowImage
 from support.files.opened import read_whole
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
-from support.pages.hand import by_a_hand
+from support.pages.hand import under_a_hand
 from support.pages.page_tab import after, canvas, drag, fresh_page, opened, page, pixels_of, save
 from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, viewed
@@ -30,11 +30,11 @@ from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.ui.viewport.under_way import LEAST, MOST
 
 if TYPE_CHECKING:
-    from playwright.async_api import Page as HandsPage
     from playwright.sync_api import Locator, Page
 
 IMAGE = 512
 FAR = 0.4  # seconds a round trip
+VALUE = "(label) => document.querySelector(`input[aria-label='${label}']`).value"
 ENDS = [(end, axis) for axis in "ijk" for end in ("lowest", "end of")]
 
 __all__ = ["browser", "browser_page", "fresh_page", "page"]
@@ -277,15 +277,12 @@ def test_without_the_token_there_is_one_line_and_nothing_else(view: Viewed, brow
 
 
 def test_through_a_slow_line_nothing_stale_is_shown_and_no_more_than_is_under_way_comes_late(view: Viewed) -> None:
-    async def turned(tab: HandsPage) -> tuple[Drag, list[str], list[int]]:
-        await show_in(tab, IMAGE)
-        moves = await dragged(tab, 90)
-        whole = [await tab.get_by_label(f"{end} {axis}").input_value() for end, axis in ENDS]
-        size = await tab.evaluate("() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height] }")
-        return moves, whole, size
-
-    with slow_link(view.port, bits_per_second=20e6, round_trip=0.04) as port:
-        moves, whole, size = by_a_hand(view.url.replace(f":{view.port}/", f":{port}/"), turned)
+    slow = slow_link(view.port, bits_per_second=20e6, round_trip=0.04)
+    with slow as port, under_a_hand(view.url.replace(f":{view.port}/", f":{port}/")) as tab:
+        show_in(tab, IMAGE)
+        moves = dragged(tab, 90)
+        whole = [tab.evaluate(VALUE, f"{end} {axis}") for end, axis in ENDS]
+        size = tab.evaluate("() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height] }")
     assert whole == ["0", "24", "0", "32", "0", "28"], "it was turned, and not cut by a handle"
     assert size == [IMAGE, IMAGE] and sum(moves.drawn_as().values()) == pytest.approx(1.0)
     assert moves.stale() == 0
@@ -304,15 +301,12 @@ def test_on_a_far_line_more_than_two_pictures_are_under_way_and_none_is_stale(vi
         times = [picture.at for picture in drag.shown]
         return any(last - first < 1e3 * FAR for first, last in zip(times, times[LEAST + 1 :], strict=False))
 
-    async def turned(tab: HandsPage) -> list[Drag]:
-        drags = [await dragged(tab, 60)]
+    far = slow_link(view.port, bits_per_second=1e9, round_trip=FAR)
+    with far as port, under_a_hand(view.url.replace(f":{view.port}/", f":{port}/")) as tab:
+        drags = [dragged(tab, 60)]
         ends = time.monotonic() + PATIENCE
         while not followed_closely(drags[-1]) and time.monotonic() < ends:  # how many go is learnt on the way
-            drags.append(await dragged(tab, 60))
-        return drags
-
-    with slow_link(view.port, bits_per_second=1e9, round_trip=FAR) as port:
-        drags = by_a_hand(view.url.replace(f":{view.port}/", f":{port}/"), turned)
+            drags.append(dragged(tab, 60))
     assert followed_closely(drags[-1])
     assert not any(drag.stale() for drag in drags)
     assert all(drag.shown[-1].event >= drag.sent[-1][0] for drag in drags)
