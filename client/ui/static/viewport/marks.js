@@ -48,6 +48,7 @@ export class Marks {
   remove() {
     this.#closing.abort();
     this.value.clear();
+    this.scale.remove();
     for (const element of this.elements) element.remove();
   }
 

@@ -23,6 +23,7 @@ export class ScaleBars {
   #bars;
   #reference;
   #drawnAt = -Infinity;
+  #later = 0; // the timer of a look that waits
 
   /** @param {import("./viewport_messages.d.ts").VolumeTold} volume */
   constructor(volume) {
@@ -33,14 +34,23 @@ export class ScaleBars {
     this.element.append(...this.#bars.map((bar) => bar.element));
   }
 
+  remove() {
+    clearTimeout(this.#later);
+  }
+
   /**
    * @param {number} zoom CSS pixels per reference spacing @param {number} width CSS pixels that the picture has
-   * @param {import("./camera.js").Projection} projection @param {boolean} moving whether it will be drawn again soon
+   * @param {import("./camera.js").Projection} projection @param {boolean} moving whether a hand is at the view: then
+   * soon enough, for another picture may come or not
    */
   draw(zoom, width, projection, moving) {
-    const now = performance.now();
-    if (moving && now - this.#drawnAt < PAUSE) return;
-    this.#drawnAt = now;
+    clearTimeout(this.#later);
+    const wait = moving ? PAUSE - (performance.now() - this.#drawnAt) : 0;
+    if (wait > 0) {
+      this.#later = setTimeout(() => this.draw(zoom, width, projection, false), wait);
+      return;
+    }
+    this.#drawnAt = performance.now();
     const longest = Math.min(LONGEST, SHARE * width);
     for (const bar of this.#bars) bar.draw(zoom / this.#reference, longest, projection);
   }
