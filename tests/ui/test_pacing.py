@@ -138,6 +138,13 @@ def test_one_image_that_took_long_changes_nothing() -> None:
     assert pacing.while_moving(SCENE) == RUNGS[place]
 
 
+def test_a_picture_at_rest_that_took_far_longer_than_before_says_how_long_others_take() -> None:
+    pacing = Pacing()
+    for seconds in (0.02, 0.5):  # of other tables
+        pacing.measured(WHOLE, seconds)
+    assert pacing.expected(WHOLE) == 0.5
+
+
 def test_a_picture_at_rest_that_was_held_up_has_nothing_worse_drawn_next() -> None:
     pacing = Pacing()
     pacing.measured(WHOLE, SHELLS[-1] / 1e3)

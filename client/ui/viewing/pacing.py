@@ -107,8 +107,10 @@ class Pacing:
         self._images = self._images + 1 if rung == self._drawn else 1
         self._drawn = rung
         pace = self._pace.get(rung.step)
-        if rung.is_whole:  # at rest, when pages take in larger pictures: it may have been held up, and counts half
-            self._pace[rung.step] = seconds if pace is None else math.sqrt(pace * seconds)
+        if rung.is_whole:
+            if pace is not None and pace < seconds <= _HICCUP * pace:
+                seconds = math.sqrt(pace * seconds)  # pages that took in the picture before may have held it up
+            self._pace[rung.step] = seconds
             self._forget(rung.step, 0.5)
             return
         if pace is None:
