@@ -27,7 +27,7 @@ from volsplat.client.ui.viewport.under_way import UnderWay
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.client.volume.value_certainty import Certainty
-from volsplat.protocol.description.scene import Bounds, Scene
+from volsplat.protocol.description.scene import Bounds, Image, Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules.resolved_view import resolved_bounds
@@ -48,7 +48,8 @@ class ViewportTalk:
         self._geometry = viewing.volume.description.geometry
         self._tab = tab
         self._send = send
-        self._up: Up | None = None  # as the page was told
+        self._up: Up | None = None  # as the page was told,
+        self._image: Image | None = None  # likewise
         self._sent = 0  # number of the last picture that was sent
         self._under_way = UnderWay()
         self._newest_probe = 0
@@ -86,10 +87,12 @@ class ViewportTalk:
     def _on_scene(self, state: SceneState) -> None:
         """Tell of the scene, and before it of the volume if that stands otherwise than was told.
 
-        What this viewport's own hand is at it knows, and hears of when it is settled.
+        What this viewport's own hand is at it knows, and hears of when it is settled; not how large the image is, which
+        is also another window's doing.
         """
-        if state.by == self._tab and not state.settled and self._up is not None:
+        if state.by == self._tab and not state.settled and state.scene.image == self._image:
             return
+        self._image = state.scene.image
         volume = self._viewing.volume
         up = volume.up_in(state.scene)
         if up != self._up:

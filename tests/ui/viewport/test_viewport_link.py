@@ -143,6 +143,16 @@ def test_the_image_has_the_size_of_the_window_that_was_used_last(view: Viewed, v
     assert size_told(viewport, SIDE)["view"]["zoom"] == 2.0  # the small one is closed
 
 
+def test_a_window_hears_of_its_images_size_while_hands_are_at_the_scene(view: Viewed, viewport: Viewport) -> None:
+    viewport.says("view", **turned(0.1, event=1, settled=False))
+    with view.viewport("small") as small:
+        small.says("size", width=SIDE // 2, height=SIDE // 2)
+        assert not size_told(small, SIDE // 2)["settled"]
+        size_told(viewport, SIDE // 2)
+        viewport.says("view", **turned(0.2, event=2, settled=False))
+        assert not size_told(viewport, SIDE)["settled"]
+
+
 def test_what_a_closed_window_was_at_is_settled(view: Viewed, viewport: Viewport) -> None:
     with view.viewport("closing") as closing:
         closing.says("view", **turned(0.4, event=1, settled=False))
