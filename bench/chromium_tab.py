@@ -14,6 +14,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
@@ -43,10 +44,11 @@ Button = Literal["left", "none"]
 class ChromiumTab:
     """The only tab. Its functions raise VolsplatError if Chromium refuses, does not answer, or is gone."""
 
-    def __init__(self, commands: int, answers: int) -> None:
-        """The file descriptors of the pipes; they stay the caller's."""
+    def __init__(self, commands: int, answers: int, words: Path) -> None:
+        """The file descriptors of the pipes, which stay the caller's, and the file that Chromium's own words go to."""
         self._commands = commands
         self._answers = answers
+        self._words = words
         self._asked = 0
         self._unread = b""
         self._bound: dict[str, Callable[[str], None]] = {}
@@ -108,7 +110,7 @@ class ChromiumTab:
         self._tell(_POINT, **_pointing("mouseMoved", x, y, "left"))
 
     def rest(self, seconds: float) -> None:
-        """Take in nothing but what Chromium says unasked."""
+        """Wait for so long, and take in meanwhile what Chromium says."""
         ends = time.monotonic() + seconds
         while (left := ends - time.monotonic()) > 0.0:
             if told := self._next(left):
@@ -136,8 +138,12 @@ class ChromiumTab:
             while unsent:
                 unsent = unsent[os.write(self._commands, unsent) :]
         except BrokenPipeError:
-            raise VolsplatError("Chromium is gone") from None
+            raise self._gone() from None
         return self._asked
+
+    def _gone(self) -> VolsplatError:
+        said = [line for line in self._words.read_text("utf-8", "replace").splitlines() if line.strip()]
+        return VolsplatError(": ".join(["Chromium is gone", *said[-1:]]))
 
     def _take_in(self, told: dict[str, Any]) -> None:
         if told.get("method") == "Runtime.bindingCalled":
@@ -150,7 +156,7 @@ class ChromiumTab:
                 return None
             read = os.read(self._answers, 1 << 20)
             if not read:
-                raise VolsplatError("Chromium is gone")
+                raise self._gone()
             self._unread += read
         message, end, rest = self._unread.partition(END)
         if not end:
@@ -182,10 +188,11 @@ def chromium_tab() -> Iterator[ChromiumTab]:
     if chromium is None:
         raise BadInput("this benchmark needs Chromium: apt install chromium")
     with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        number, commands, answers = _started([chromium, *OPTIONS, f"--user-data-dir={folder}"])
+        words = Path(folder, "words")
+        number, commands, answers = _started([chromium, *OPTIONS, f"--user-data-dir={folder}/profile"], words)
         process = psutil.Process(number)
         try:
-            yield ChromiumTab(commands, answers)
+            yield ChromiumTab(commands, answers, words)
         finally:
             os.close(commands)  # with which it ends
             os.close(answers)
@@ -197,18 +204,23 @@ def chromium_tab() -> Iterator[ChromiumTab]:
                 process.wait()
 
 
-def _started(command: list[str]) -> tuple[int, int, int]:
-    """The process, and our ends of the pipes that it takes commands from and gives answers to."""
+def _started(command: list[str], words: Path) -> tuple[int, int, int]:
+    """The process, and our ends of the pipes that it takes commands from and gives answers to. Raises BadInput."""
     (taken, commands), (answers, given) = os.pipe(), os.pipe()
     # Beyond the places that they are to have there
     taken_from, given_to = (fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, _FREE) for end in (taken, given))
     at_their_places = [
         (os.POSIX_SPAWN_DUP2, taken_from, _COMMANDS),
         (os.POSIX_SPAWN_DUP2, given_to, _ANSWERS),
-        *((os.POSIX_SPAWN_OPEN, stream, os.devnull, os.O_RDWR, 0) for stream in range(3)),
+        *((os.POSIX_SPAWN_OPEN, stream, os.devnull, os.O_RDWR, 0) for stream in range(2)),
+        (os.POSIX_SPAWN_OPEN, 2, str(words), os.O_WRONLY | os.O_CREAT, 0o600),
     ]
     try:
         return os.posix_spawn(command[0], command, os.environ, file_actions=at_their_places), commands, answers
+    except OSError as error:
+        os.close(commands)
+        os.close(answers)
+        raise BadInput(f"{command[0]} does not start: {error.strerror}") from None
     finally:
         for end in (taken, given, taken_from, given_to):
             os.close(end)

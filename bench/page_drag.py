@@ -60,11 +60,16 @@ _PAINTED = """new PerformanceObserver((list) => {
     for (const { renderTime } of list.getEntries()) volsplatPainted(String(performance.timeOrigin + renderTime));
 }).observe({ type: "element", buffered: true });"""
 _STARTED = "() => performance.timeOrigin + window.volsplatViewport.log[0].shownAt"
-_SEEN_AT_THE_END = f"""async () => {{
-    const {{ sent, log }} = window.volsplatViewport;
-    while (!(log.at(-1)?.event >= sent.at(-1).event)) await new Promise(requestAnimationFrame);
+# What is seen once the last move is, or nothing by then.
+_SEEN_AT_THE_END = f"""async (milliseconds) => {{
+    const {{ sent, log }} = window.volsplatViewport, ends = performance.now() + milliseconds;
+    while (!(log.at(-1)?.event >= sent.at(-1).event)) {{
+        if (performance.now() > ends) return null;
+        await new Promise(requestAnimationFrame);
+    }}
     return ({_SEEN})();
 }}"""
+_LAST_PICTURE_MILLISECONDS = 30_000
 
 
 class Start(NamedTuple):
@@ -175,20 +180,20 @@ def dragged(tab: ChromiumTab, moves: int) -> Drag:
         tab.move_on(*place(n))
         due += 1 / MOVES_PER_SECOND
         tab.rest(due - time.monotonic())
-    moving = _seen(tab, _SEEN_AT_THE_END)  # at once, before the page has it refined
+    seen = tab.evaluate(_SEEN_AT_THE_END, _LAST_PICTURE_MILLISECONDS)
+    if seen is None:
+        raise VolsplatError("the page did not show where the pointer came to an end")
     noted = tab.evaluate(_NOTES)
     tab.point("mouseReleased", *place(moves + 1))
     tab.wait_for(REFINED)
-    likeness = ssim(moving, _seen(tab, _SEEN))
+    likeness = ssim(_luminance(*seen), _luminance(*tab.evaluate(_SEEN)))
     return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
 
 
-def _seen(tab: ChromiumTab, seen: str) -> Tensor:
-    """The luminance of what is on the canvas, (H, W) 0..1, as large as it is shown. `seen` is one of the functions
-    above."""
+def _luminance(width: int, height: int, text: str) -> Tensor:
+    """Of what was seen on the canvas, (H, W) 0..1, as large as it is shown."""
     import torch
 
-    width, height, text = tab.evaluate(seen)
     colours = torch.frombuffer(bytearray(base64.b64decode(text)), dtype=torch.uint8).reshape(height, width, 4)
     return luminance(colours.double() / 255.0)
 

@@ -52,7 +52,7 @@ _ADDRESS = re.compile(r"http://[^\"\s]+token=[\w-]+")
 def page(workers: int, moves: int, link: str | None, **settings: Any) -> None:
     """Drag VOLUME about in headless Chromium, and time it from the pointer's event to the canvas's change."""
     outputs = Outputs.of(settings)
-    need("psutil", "a browser to measure in", "bench")
+    need("psutil", "this benchmark", "bench")
     need("nicegui", "the page", "ui")
     line = _link(link) if link else None
     subject = Subject.of(settings)

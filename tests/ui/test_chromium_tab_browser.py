@@ -1,11 +1,14 @@
 """The tab of `volsplat bench page`."""
 
+import os
+from pathlib import Path
+
 import psutil
 import pytest
 
 from support.pages.browser import chromium_executable
-from volsplat.bench.chromium_tab import ChromiumTab, RefusedByChromium, chromium_tab
-from volsplat.protocol.text.errors import VolsplatError
+from volsplat.bench.chromium_tab import BROWSERS, ChromiumTab, RefusedByChromium, chromium_tab
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 PAGE = "data:text/html,<body onmousemove='window.seen = [event.clientX, event.clientY, event.buttons]'>"
 
@@ -60,3 +63,15 @@ def test_a_chromium_that_is_killed_is_gone_at_once_and_leaves_no_process() -> No
     with pytest.raises(VolsplatError, match="Chromium is gone"), chromium_tab() as tab:
         killed(tab)
     assert set(this.children(recursive=True)) <= before
+
+
+def test_why_chromium_does_not_start_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stub = tmp_path / BROWSERS[0]
+    stub.write_text("#!/bin/sh\necho 'this is a stub: install the snap' >&2\nexit 10\n")
+    stub.chmod(0o700)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(VolsplatError, match="Chromium is gone: this is a stub: install the snap"), chromium_tab():
+        pass
+    stub.write_text("no program\n")
+    with pytest.raises(BadInput, match="chromium does not start: Exec format error"), chromium_tab():
+        pass

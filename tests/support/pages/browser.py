@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from support.patience import PATIENCE
+from volsplat.bench.chromium_tab import BROWSERS
 
 if TYPE_CHECKING:
     from playwright.sync_api import (
@@ -90,7 +91,7 @@ class Chromium:
 
 def chromium_executable() -> str:
     """Where Chromium lies; without one the test is skipped."""
-    executable = shutil.which("chromium-headless-shell") or shutil.which("chromium")
+    executable = next(filter(None, map(shutil.which, reversed(BROWSERS))), None)
     if executable is None:
         pytest.skip("the browser tests need Chromium: apt install chromium-headless-shell, or chromium")
     return executable
