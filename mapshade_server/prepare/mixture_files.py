@@ -1,5 +1,5 @@
-"""What the voxels of a level stand for, counted while the level before is packed, and columns of them: a file for each
-of its shards."""
+"""What the voxels of a level stand for, and the rows of its columns, while the level before is packed: a file for each
+shard of that."""
 
 import os
 from bisect import bisect_left

@@ -135,8 +135,8 @@ Segment2_Layer:=1"""
 @pytest.mark.parametrize(
     ("layers", "left_out", "told"),
     [
-        ({0: "1", 1: "1"}, "liver, tumour", "in layer 1, but the file has layer 0 alone"),
-        ({0: "0", 1: "3"}, "tumour", "in layer 3, but the file has layer 0 alone"),
+        ({0: "1", 1: "1"}, "liver, tumour", "layer 1, but the file has layer 0 alone"),
+        ({0: "0", 1: "3"}, "tumour", "layer 3, but the file has layer 0 alone"),
         ({0: "0"}, "", ""),
     ],
 )
@@ -150,7 +150,7 @@ def test_segments_of_layers_that_the_file_lacks_are_told(
     assert one.kind is Kind.LABELS
     assert [band.name for band in one.bands] == [name for name in names.values() if name not in left_out]
     lines = [line for line in one.warnings if "segments" in line]
-    assert lines == ([f"the segments {left_out} are left out: the header has them {told}"] if told else [])
+    assert lines == ([f"the segments {left_out} are left out: they belong to {told}"] if told else [])
 
 
 @pytest.mark.parametrize(

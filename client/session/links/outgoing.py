@@ -51,7 +51,7 @@ class Outgoing:
         threading.Thread(target=self._send_posted, name=f"send to {connection.peer}", daemon=True).start()
 
     def post(self, message: messages.Message, *payload: memoryview) -> None:
-        """It goes nowhere where nothing more is sent: its server is lost, as all will hear."""
+        """Drop it once nothing more is sent: its server is lost, as all will hear."""
         with self._changed:
             if self._ended:
                 return

@@ -67,14 +67,14 @@ def volume_names(pairs: Mapping[str, str], count: int) -> list[str]:
 
 
 def layers_missed(pairs: Mapping[str, str], layers: int) -> tuple[str, ...]:
-    """A line on segments that state layers beyond the file's, which 3D Slicer leaves out, too."""
+    """A line on segments of layers beyond the file's, which 3D Slicer leaves out, too."""
     if KIND_KEY in pairs or not (
         missed := {layer: bands for layer, bands in _segments(pairs, layers).items() if not 0 <= layer < layers}
     ):
         return ()
     names = listed([band.name for bands in missed.values() for band in bands], "")
     stated, has = ", ".join(map(str, sorted(missed))), "layer 0 alone" if layers == 1 else f"layers 0 to {layers - 1}"
-    return (f"the segments {names} are left out: the header has them in layer {stated}, but the file has {has}",)
+    return (f"the segments {names} are left out: they belong to layer {stated}, but the file has {has}",)
 
 
 def _segments(pairs: Mapping[str, str], layers: int) -> dict[int, list[Band]]:
