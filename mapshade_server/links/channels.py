@@ -10,7 +10,8 @@ from volsplat.protocol.messages.messages import ChannelsShared
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.shared_memory import sealed_memory
 
-BLOCKS = 8  # of each walker: owners need not go on together, and of what waits in more of them much is hidden by then
+LEAST_BLOCKS = 16  # of each walker: regions' owners need not go on together, and little of it is hidden by then
+BLOCKS = 64  # of all walkers together: by turns a sheet has more for one owner than for the other
 BLOCK_BYTES = 1 << 20  # holds the longest run; what is not touched of it costs nothing, and batches are small
 
 log = logging.getLogger(__name__)
@@ -21,7 +22,7 @@ def shared_channels(link: Connection, walkers: int) -> Sequence[BatchChannel]:
     if not link.may_share_memory:
         return []
     most = MOST_CHANNEL_BYTES // (walkers * BLOCK_BYTES)
-    shape = walkers, min(BLOCKS, most), BLOCK_BYTES
+    shape = walkers, min(max(LEAST_BLOCKS, BLOCKS // walkers), most), BLOCK_BYTES
     try:
         descriptor = sealed_memory(ChannelMemory.bytes(*shape))
     except OSError as error:
