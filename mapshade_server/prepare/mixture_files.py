@@ -90,7 +90,7 @@ class ColumnFiles(ShardFiles):
         """All of a level of so many voxels, those of one direction at a time."""
         for columns in columns_of(dims):
             rows = np.empty((columns.rows, ROW), np.uint32)
-            for path in self._files():
+            for path in self._files():  # mapped anew: what was looked at of a map counts as memory
                 of_shard = np.memmap(path, np.uint32, "r").reshape(-1, PLACED_ROW)
                 begin, end = (bisect_left(of_shard[:, 0], place) for place in (columns.begin, columns.end))
                 rows[of_shard[begin:end, 0] - columns.begin] = of_shard[begin:end, 1:]
