@@ -119,7 +119,7 @@ class ForkServer:
             self._running.add(process)
             self._tell(Started(process))
             return False
-        os.setsid()
+        os.setpgid(0, 0)
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         for end in (self._link, self._wakes, self._woken):
@@ -149,6 +149,7 @@ def _run(asked: Start) -> None:
 
 
 def main() -> None:
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # some terminals stop what speaks up in the background
     link = socket.socket(fileno=os.dup(STDIN))
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, STDIN)  # of the servers

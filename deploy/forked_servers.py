@@ -83,7 +83,7 @@ class ForkedServers:
                 env=os.environ | NO_MORE_THREADS,
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
-                start_new_session=True,
+                process_group=0,
             )
 
     @property

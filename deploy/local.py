@@ -36,10 +36,12 @@ class _Place:
 class LocalServers:
     """The servers that a client started on its own machine.
 
-    Each runs in a session of its own, so that Ctrl-C reaches only the client, which then ends them in order. A
-    server whose client vanishes ends by itself when its control connection closes. In the place of one that ends before
-    that, another one is started. `on_end` is called, on a thread of its own, for each server that ends: with one line,
-    its name (see process_name), and whether another one is started in its place.
+    Each runs in a process group of its own, so that Ctrl-C reaches only the client, which then ends them in order; and
+    in the client's session, since systems may share out a core among sessions first: servers in sessions of their own
+    would each get as much of it as the browser. A server whose client vanishes ends by itself when its control
+    connection closes. In the place of one that ends before that, another one is started. `on_end` is called, on a
+    thread of its own, for each server that ends: with one line, its name (see process_name), and whether another one is
+    started in its place.
     """
 
     def __init__(

@@ -124,6 +124,42 @@ def test_one_that_the_system_refuses_is_told_once_and_not_tried_again(monkeypatc
         servers.stop()
 
 
+def test_servers_share_the_session_of_who_starts_them_but_not_its_process_group() -> None:
+    forks = ForkedServers()
+    try:
+        running = forks.start(Program.MAPSHADE_SERVER, ["--wait-at", "127.0.0.1:0"], {"VOLSPLAT_TOKEN": "a" * 64})
+        wait_until(lambda: os.getpgid(running.pid) == running.pid, "is it out of reach of Ctrl-C")
+        assert os.getsid(running.pid) == os.getsid(0)
+    finally:
+        forks.end()
+
+
+SPEAKS_IN_THE_BACKGROUND = """
+import fcntl, sys, termios
+from volsplat.deploy.forked_servers import ForkedServers
+from volsplat.deploy.server_command import Program
+fcntl.ioctl(2, termios.TIOCSCTTY, 0)
+settings = termios.tcgetattr(2)
+settings[3] |= termios.TOSTOP
+termios.tcsetattr(2, termios.TCSANOW, settings)
+print(ForkedServers().start(Program.SPLAT_SERVER, ["--no-such-option"], {}).wait())
+"""
+
+
+def test_a_server_may_speak_on_a_terminal_that_stops_what_does_so_in_the_background() -> None:
+    ours, its = os.openpty()
+    with os.fdopen(ours, "rb"), os.fdopen(its, "wb") as terminal:
+        ended = subprocess.run(
+            [sys.executable, "-c", SPEAKS_IN_THE_BACKGROUND],
+            stdout=subprocess.PIPE,
+            stderr=terminal,
+            text=True,
+            timeout=PATIENCE,
+            start_new_session=True,
+        )
+    assert ended.stdout.split() == ["2"]
+
+
 ENDS_BETWEEN = r"""
 import sys
 from volsplat.deploy import forked_servers
