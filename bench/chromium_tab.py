@@ -216,7 +216,9 @@ def _started(command: list[str], words: Path) -> tuple[int, int, int]:
         (os.POSIX_SPAWN_OPEN, 2, str(words), os.O_WRONLY | os.O_CREAT, 0o600),
     ]
     try:
-        return os.posix_spawn(command[0], command, os.environ, file_actions=at_their_places), commands, answers
+        # In a session of its own, as a person's browser is: systems may share out a core among sessions first
+        number = os.posix_spawn(command[0], command, os.environ, file_actions=at_their_places, setsid=True)
+        return number, commands, answers
     except OSError as error:
         os.close(commands)
         os.close(answers)
