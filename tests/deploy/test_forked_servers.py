@@ -21,7 +21,7 @@ from volsplat.client.session.links.server_links import ServerLinks
 from volsplat.deploy import forked_servers as forking
 from volsplat.deploy import local
 from volsplat.deploy.fork_server import Start
-from volsplat.deploy.forked_servers import COMMAND, FORK_SERVER, ForkedServers, forked_servers
+from volsplat.deploy.forked_servers import COMMAND, FORK_SERVER, ForkedServer, ForkedServers, forked_servers
 from volsplat.deploy.local import LocalServers
 from volsplat.deploy.process_end import NO_MEMORY, NO_PROCESS, WITH_ITS_STARTER, told_end
 from volsplat.deploy.server_command import Program
@@ -30,12 +30,16 @@ from volsplat.protocol.wire.tokens import new_token
 __all__ = ["head"]
 
 
+def _waiting(forks: ForkedServers) -> ForkedServer:
+    return forks.start(Program.MAPSHADE_SERVER, ["--wait-at", "127.0.0.1:0"], {"VOLSPLAT_TOKEN": "a" * 64})
+
+
 def test_a_server_has_its_own_arguments_environment_and_end() -> None:
     forks = ForkedServers()
     try:
         refused = forks.start(Program.SPLAT_SERVER, ["--no-such-option"], {})
         assert refused.wait(PATIENCE) == 2 and refused.pid
-        running = forks.start(Program.MAPSHADE_SERVER, ["--wait-at", "127.0.0.1:0"], {"VOLSPLAT_TOKEN": "a" * 64})
+        running = _waiting(forks)
         process = psutil.Process(running.pid)
         wait_until(lambda: is_server(process, "mapshade_server"), "is it shown by its name")
         with pytest.raises(subprocess.TimeoutExpired):
@@ -127,7 +131,7 @@ def test_one_that_the_system_refuses_is_told_once_and_not_tried_again(monkeypatc
 def test_servers_share_the_session_of_who_starts_them_but_not_its_process_group() -> None:
     forks = ForkedServers()
     try:
-        running = forks.start(Program.MAPSHADE_SERVER, ["--wait-at", "127.0.0.1:0"], {"VOLSPLAT_TOKEN": "a" * 64})
+        running = _waiting(forks)
         wait_until(lambda: os.getpgid(running.pid) == running.pid, "is it out of reach of Ctrl-C")
         assert os.getsid(running.pid) == os.getsid(0)
     finally:
