@@ -20,6 +20,7 @@ from volsplat.program.command_lines import HELP
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
 from volsplat.program.many_imports import many_imports
+from volsplat.protocol.description.volume_name import possible_places
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import meant
 
@@ -77,7 +78,7 @@ def starts_servers(words: Sequence[str]) -> bool:
 
 def reading_modules(words: Sequence[str]) -> list[str]:
     """What servers will need to read the volume that a command line names; guessed likewise."""
-    places = [word.partition("#")[0].lower() for word in words]
+    places = [place.lower() for word in words for place in possible_places(word)]
     ends = [end for end in READING_MODULES if any(place.endswith(end) for place in places)]
     return [module for end in ends for module in READING_MODULES[end]]
 
@@ -114,7 +115,7 @@ class Commands(click.Group):
 def _command_meant(name: str) -> str:
     if name == "help":
         return "it is an option, --help"
-    if os.path.exists(name.partition("#")[0]):
+    if any(map(os.path.exists, possible_places(name))):
         return f"to look at it: volsplat view {quote(name)}"
     return meant(name, list(ENTRIES))
 

@@ -5,6 +5,8 @@ head.nrrd            scans/#1.2.840.113619.2      run.h5#/entry/density      s3:
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
@@ -45,19 +47,25 @@ class VolumeName(NamedTuple):
         return f"{self.place}#{self.part}" if self.part else self.place
 
 
-def volume_name(text: str) -> VolumeName:
-    """What `text` names. A file whose own name has a `#` is taken whole.
+def volume_name(text: str, is_there: Callable[[str], bool] = os.path.exists) -> VolumeName:
+    """What `text` names: the longest of its possible places that is there, else the shortest, and the part after it.
 
+    So a file or folder whose own name has a `#` is taken as it stands, whatever lies beside it.
     Raises BadInput for what is not UTF-8, too long, or can be no file's name.
     """
     _check(text)
-    place, _, part = text.partition("#")
-    if "://" not in text and part and not Path(place).exists() and Path(text).exists():
-        return VolumeName(text, "")
-    name = VolumeName(place, part)
+    shortest, *longer = possible_places(text)
+    place = next((one for one in reversed(longer) if is_there(one)), shortest)
+    name = VolumeName(place, text[len(place) + 1 :])
     if "\0" in name.plain_place:
         raise BadInput(f"{printable(place)}: no file's name has a byte of 0; leave it out")
     return name
+
+
+def possible_places(text: str) -> list[str]:
+    """What may be the place that `text` names, the shortest first: up to a `#`, or all of it. Of a URL it is known."""
+    ends = [at for at, letter in enumerate(text) if letter == "#"]
+    return [text[:end] for end in (ends[:1] if ends and "://" in text else [*ends, len(text)])]
 
 
 def absolute_name(text: str) -> str:

@@ -151,6 +151,7 @@ def test_servers_are_loaded_ahead_only_for_commands_that_start_some(line: str, s
     [
         ("render cube.FITS#1,axis4=0 -o cube.png", True),
         ("view cube.fits.gz", True),
+        ("view night#2.fits", True),
         ("render head.nrrd -o head.png", False),
     ],
 )

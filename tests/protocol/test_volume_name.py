@@ -25,6 +25,26 @@ def test_a_file_whose_name_has_the_sign_is_taken_whole(tmp_path: Path) -> None:
     assert volume_name(str(path)) == (str(path), "")
 
 
+def test_what_is_there_as_it_stands_is_no_part_of_what_lies_beside_it(tmp_path: Path) -> None:
+    for folder in ("run", "run#1.zarr", "run#1.zarr/inner"):
+        (tmp_path / folder).mkdir()
+    run, whole = f"{tmp_path}/run", f"{tmp_path}/run#1.zarr"
+    assert volume_name(whole) == (whole, "")
+    assert volume_name(f"{whole}#2,t=1") == (whole, "2,t=1")
+    assert volume_name(f"{whole}/inner") == (f"{whole}/inner", "")
+    assert volume_name(f"{run}#1") == (run, "1")
+    assert volume_name(f"{tmp_path}/no#1.zarr#2") == (f"{tmp_path}/no", "1.zarr#2")
+    for name in (whole, f"{whole}#2,t=1", f"{run}#1"):
+        assert str(volume_name(name)) == name, "which another process takes for the same"
+    check_is_there(f"{whole}#2")
+
+
+def test_a_part_may_be_longer_than_the_name_of_any_file(tmp_path: Path) -> None:
+    part = "/entry/" + "a" * 300
+    for place in (tmp_path / "run.h5", tmp_path):
+        assert volume_name(f"{place}#{part}") == (str(place), part)
+
+
 def test_another_process_is_told_the_whole_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert absolute_name("run.h5#/data") == f"{tmp_path}/run.h5#/data"

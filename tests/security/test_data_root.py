@@ -112,6 +112,17 @@ def test_a_refusal_does_not_tell_whether_there_is_such_a_file(control: Connectio
     assert causes[0] == causes[1]
 
 
+def test_where_a_name_is_split_does_not_tell_whether_there_is_such_a_file(control: Connection, root: Path) -> None:
+    (root / "own#1").mkdir()
+    for part in ("", "#1"):
+        causes = []
+        for name in ("secret.npy", "absent.npy"):
+            refused = described(control, f"own#1/../../root of others/{name}{part}")
+            assert isinstance(refused, messages.Refused)
+            causes.append(refused.cause.replace(name, "NAME"))
+        assert causes[0] == causes[1]
+
+
 NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nspacings: 1 1 1\nencoding: raw\ndata file: {}\n"
 META_IMAGE = "ObjectType = Image\nNDims = 3\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = {}\n"
 

@@ -166,8 +166,8 @@ class Opening:
 
         The last name may be a part of the only one that has it. Raises BadInput, also if several have.
         """
-        name = volume_name(typed)
-        below = place_below(normpath(self._root), normpath(Path(self._root, folder, name.place)))
+        name = volume_name(typed, lambda place: self._is_there(folder, place))
+        below = self._place_at(folder, name.place)
         if below is None:
             raise BadInput(f"{typed}: is not below {self.root_name}; choose another one")
         if below.name and not name.part:
@@ -178,6 +178,19 @@ class Opening:
                 return "/".join(filter(None, (below.folder, entry.name)))
             return below if entry is None else Place(below.folder, entry.name, entry.part)
         return below._replace(part=name.part)
+
+    def _place_at(self, folder: str, way: str) -> Place | None:
+        return _place_by(normpath(self._root), normpath(Path(self._root, folder, way)))
+
+    def _is_there(self, folder: str, way: str) -> bool:
+        """Whether the servers see something of this very name."""
+        if (place := self._place_at(folder, way)) is None:
+            return False
+        try:
+            there = self.listed(place.folder, place.name)
+        except BadInput:  # it would lie in what is no folder
+            return False
+        return any(one.name == place.name for one in there.entries)
 
     def _completed(self, typed: Place, there: FolderListed, choose: str) -> FolderEntry | None:
         """The only entry that begins so or, if none does, has this in it; None where nothing has."""
@@ -338,11 +351,14 @@ def _volumes_around(place: Place, listed: FolderListed) -> list[Place]:
 def place_below(root: str, volume: str) -> Place | None:
     """Where a volume lies that was opened by its name, None if that is not below the root."""
     name = volume_name(volume)
-    if name.is_url:
-        return None
+    place = None if name.is_url else _place_by(root, name.place)
+    return None if place is None else place._replace(part=name.part)
+
+
+def _place_by(root: str, path: str) -> Place | None:
     try:
-        way = Path(name.place).absolute().relative_to(Path(root).absolute())
+        way = Path(path).absolute().relative_to(Path(root).absolute())
     except ValueError:
         return None
     folder = way.parent.as_posix()
-    return Place("" if folder == "." else folder, way.name, name.part)
+    return Place("" if folder == "." else folder, way.name)

@@ -9,7 +9,7 @@ from pathlib import Path
 from volsplat.mapshade_server.readers.reading.named_files import hold_names_to
 from volsplat.program.confinement import confine_reading
 from volsplat.program.temporary_folder import temporary_folder
-from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.description.volume_name import VolumeName, possible_places, volume_name
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -31,16 +31,19 @@ class DataRoot:
             raise _no_root(self.path, error) from error
 
     def check(self, volume: str) -> None:
-        """Raises BadInput, in the same words whether there is something or not."""
-        name = volume_name(volume)
-        if name.is_far:
+        """Raises BadInput, in the same words whether there is something or not: for each place that may be meant."""
+        if (name := volume_name(volume)).is_far:
             raise BadInput(f"{name.place}: this server reads no URLs, but what lies below its --data-root")
+        for place in possible_places(volume):
+            if not self._has(VolumeName(place, "").plain_place):
+                raise BadInput(f"{place}: this server reads what lies below its --data-root alone; name that")
+
+    def _has(self, place: str) -> bool:
+        """Whether it lies below, be it there or not."""
         try:
-            inside = Path(name.plain_place).resolve().is_relative_to(self.path)
+            return Path(place).resolve().is_relative_to(self.path)
         except (OSError, RuntimeError, ValueError):  # a ring of links, or a name that can be none
-            inside = False
-        if not inside:
-            raise BadInput(f"{name.place}: this server reads what lies below its --data-root alone; name that")
+            return False
 
 
 def _no_root(folder: Path, error: OSError | RuntimeError) -> BadInput:

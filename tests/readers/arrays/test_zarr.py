@@ -287,6 +287,14 @@ def test_zip_files_are_read_as_folders_are(version: str, inside: str, tmp_path: 
     np.testing.assert_array_equal(read_whole(ozx), LEVELS[0])
 
 
+def test_a_store_whose_name_has_the_sign_is_none_of_what_lies_beside_it(tmp_path: Path) -> None:
+    image(tmp_path / "run", [cube(4)])
+    path = image(tmp_path / "run#1.zarr", LEVELS)
+    np.testing.assert_array_equal(read_whole(path), LEVELS[0])
+    np.testing.assert_array_equal(read_whole(f"{path}#1"), LEVELS[1])
+    np.testing.assert_array_equal(read_whole(tmp_path / "run#0"), cube(4))
+
+
 def test_urls_of_files_are_paths(tmp_path: Path) -> None:
     path = image(tmp_path / "my brain.zarr", LEVELS)
     np.testing.assert_array_equal(read_whole(f"file://{path}#1"), LEVELS[1])

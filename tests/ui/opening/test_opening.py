@@ -334,6 +334,23 @@ def test_beside_a_series_are_the_other_series_of_its_folder_and_the_files_there_
     assert opened.opening_at("study/x.nrrd").beside(-1) == Place("study", "", "4")
 
 
+def test_a_volume_whose_name_has_the_sign_of_parts_is_found_where_the_servers_see_it(opened: Opened) -> None:
+    whole = opened.folder / "head#1.nrrd"
+    (opened.folder / "scans").mkdir()
+    write_volume(whole, *make_phantom("head", (4, 4, 4)))
+    named = opened.opening.place_named
+    assert named("", whole.name) == named("scans", f"../{whole.name}") == Place("", whole.name)
+    assert named("", "head#2") == Place("", "head", "2")
+    assert named("", f"{whole.name}#0") == Place("", whole.name, "0")
+    assert opened.opening_at(whole.name).beside(1) == HEAD
+
+    async def work() -> None:
+        await opened.opening.open(Place("", whole.name), Keep.NOTHING)
+        assert opened.name == whole.name
+
+    opened.within(work)
+
+
 def test_a_part_of_a_name_stands_for_the_only_one_that_has_it_first_of_those_that_begin_so(opened: Opened) -> None:
     (opened.folder / "scans").mkdir()
     named = opened.opening.place_named
