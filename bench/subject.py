@@ -17,6 +17,7 @@ from volsplat.client.phantoms import PHANTOMS
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.command_lines import PATH
 from volsplat.protocol.description.scene import Order, Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import check_is_there
@@ -71,7 +72,7 @@ def subject_options(command: Command) -> Command:
     """VOLUME, --phantom, --tables, --scene and --preset; what they give `Subject.of` reads."""
     for option in (
         click.option("--preset", type=Words(sorted(PRESETS)), help="Show it with this scene."),
-        click.option("--scene", type=click.Path(path_type=Path), help="Show it with this scene TOML."),
+        click.option("--scene", type=PATH, help="Show it with this scene TOML."),
         click.option(
             "--tables",
             type=Words(TableName),

@@ -12,7 +12,7 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.clients import Clients
-from volsplat.program.command_lines import HELP, examples
+from volsplat.program.command_lines import HELP, PATH, examples
 from volsplat.program.counts import Counts
 from volsplat.program.server_process import (
     ServerOptions,
@@ -35,7 +35,7 @@ EXAMPLE = examples("volsplat mapshade-server --connect desk:7411 --data-root /sc
     context_settings=HELP,
 )
 @client_options
-@click.option("--data-root", type=click.Path(path_type=Path), help="Read nothing outside; relative names start there.")
+@click.option("--data-root", type=PATH, help="Read nothing outside; relative names start there.")
 @click.option(
     "--memory",
     metavar="SIZE",

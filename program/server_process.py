@@ -13,7 +13,7 @@ from typing import Any, NoReturn, Self, TypeVar
 
 import click
 
-from volsplat.program.command_lines import Seconds
+from volsplat.program.command_lines import PATH, Seconds
 from volsplat.program.counts import Counts
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_INTERRUPTED, quick_end, status_of
 from volsplat.program.extras import need
@@ -75,9 +75,7 @@ metrics_options = together(
         callback=address_option,
         help="Metrics for Prometheus at this address (:PORT for this machine alone).",
     ),
-    click.option(
-        "--metrics-token", type=click.Path(path_type=Path), help="File with their bearer token; made if missing."
-    ),
+    click.option("--metrics-token", type=PATH, help="File with their bearer token; made if missing."),
 )
 
 
@@ -132,7 +130,7 @@ client_options = together(
     click.option("--wait-at", metavar="HOST:PORT", callback=address_option, help="… or where clients dial."),
     click.option(
         "--token-file",
-        type=click.Path(path_type=Path),
+        type=PATH,
         help="File with the session token, - for stdin (VOLSPLAT_TOKEN).",
     ),
     click.option("--patience", type=Seconds(0), default=60.0, help="Seconds to wait for the client (60)."),

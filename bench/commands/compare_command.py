@@ -14,13 +14,14 @@ from volsplat.bench.tables.outputs import Outputs, machine_words, output_options
 from volsplat.bench.tables.record import Figure, Record, figure, read_record
 from volsplat.bench.tables.text_table import TextTable, significant, with_unit
 from volsplat.client.command.help_page import helped
+from volsplat.program.command_lines import PATH
 from volsplat.protocol.text.errors import BadInput
 
 MOVED, STAYED, UNKNOWN = "moved", "", "spread unknown"
 
 
 @helped("volsplat bench compare old.json new.json")
-@click.argument("records", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="OLD NEW [MORE]...")
+@click.argument("records", type=PATH, nargs=-1, required=True, metavar="OLD NEW [MORE]...")
 @output_options()
 def compare(records: tuple[Path, ...], **settings: Any) -> None:
     """Compare the figures that OLD and NEW, both written by --json, have in common.

@@ -6,10 +6,11 @@ import click
 
 from volsplat.bench.clusters.cluster_sizes import Drawers, measured_cluster
 from volsplat.bench.commands.option_lists import whole_numbers
+from volsplat.program.command_lines import PATH
 
 cluster_option = click.option(
     "--cluster",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="Measure the machines of this cluster file, which must not be up: one, two, three … of them.",
 )

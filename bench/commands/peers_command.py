@@ -21,6 +21,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
+from volsplat.program.command_lines import PATH
 from volsplat.program.extras import need
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
@@ -48,7 +49,7 @@ class Run:
 @click.option("--views", type=click.IntRange(min=1), default=24, help="Once around the volume (24).")
 @click.option("--threads", default="1,2", help="Of each renderer (1,2).")
 @click.option("--distances", default="1,0.5", help="Voxels between two samples of VTK's rays (1,0.5).")
-@click.option("--pictures", type=click.Path(path_type=Path), help="Save both pictures, side by side, in this folder.")
+@click.option("--pictures", type=PATH, help="Save both pictures, side by side, in this folder.")
 @output_options()
 def peers(images: str, views: int, threads: str, distances: str, pictures: Path | None, **settings: Any) -> None:
     """Draw VOLUME by volsplat and by VTK's CPU ray caster, shaded, and compare their times and pictures.

@@ -16,6 +16,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.image.image_formats import check_writable
+from volsplat.program.command_lines import PATH
 from volsplat.protocol.description.scene import GREATEST_ZOOM
 from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.errors import BadInput
@@ -69,7 +70,7 @@ class Sizes:
 @click.option("--turn", type=click.IntRange(min=4), default=180, help="Views of the turn, half a degree apart (180).")
 @click.option("--voxels", type=click.IntRange(8, 1024), default=256, help="A side of the shells that are timed (256).")
 @click.option("--repeats", type=click.IntRange(1, 23), default=5, help="Views that are timed (5).")
-@click.option("--sheet", type=click.Path(path_type=Path), help="Draw the pictures side by side into this image file.")
+@click.option("--sheet", type=PATH, help="Draw the pictures side by side into this image file.")
 @output_options(plot=True)
 def quality(only: Sequence[str], sheet: Path | None, **settings: Any) -> None:
     """Measure how good the pictures of steps F and G and of VTK's CPU ray caster are, with goals beside the figures.

@@ -12,13 +12,12 @@ import click
 from volsplat.bench.tables.plot import Panel, check_plot, write_plot
 from volsplat.bench.tables.record import Record, write_record, write_text
 from volsplat.bench.tables.text_table import TextTable
+from volsplat.program.command_lines import PATH
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.text.errors import BadInput
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-
-FILE = click.Path(path_type=Path)
 
 
 @dataclass(frozen=True)
@@ -78,9 +77,9 @@ def output_options(plot: bool = False) -> Callable[[Command], Command]:
     """The options --json, --markdown and --plot; what they give `Outputs.of` reads."""
 
     def decorated(command: Command) -> Command:
-        command = click.option("--json", type=FILE, help="Write the figures, for `volsplat bench compare`.")(command)
-        command = click.option("--markdown", type=FILE, help="Write the tables as Markdown.")(command)
-        return click.option("--plot", type=FILE, help="Draw the figures into a PNG file.")(command) if plot else command
+        command = click.option("--json", type=PATH, help="Write the figures, for `volsplat bench compare`.")(command)
+        command = click.option("--markdown", type=PATH, help="Write the tables as Markdown.")(command)
+        return click.option("--plot", type=PATH, help="Draw the figures into a PNG file.")(command) if plot else command
 
     return decorated
 

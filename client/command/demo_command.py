@@ -15,6 +15,7 @@ from volsplat.client.session.frame_report import report_of, step_table, write_re
 from volsplat.client.session.renderer import finished_whole
 from volsplat.client.session.session import Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.command_lines import PATH
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, View
 from volsplat.protocol.description.view_rotation import rotation_from_angles
@@ -27,7 +28,7 @@ SHEET = "contact-sheet.png"
 
 
 @helped("volsplat demo --output demo")
-@click.option("--output", type=click.Path(path_type=Path), default=Path("demo"), help="Folder for the images (demo).")
+@click.option("--output", type=PATH, default=Path("demo"), help="Folder for the images (demo).")
 def demo(output: Path) -> None:
     """Make the head phantom and draw its six steps of refinement with two map/shade servers.
 

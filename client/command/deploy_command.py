@@ -19,14 +19,14 @@ from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Size
 from volsplat.deploy.launchers.launcher import ServerState
-from volsplat.program.command_lines import examples
+from volsplat.program.command_lines import PATH, examples
 from volsplat.program.exit_status import EXIT_FAILED
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
 
 LOG_LINES = 20
-cluster_argument = click.argument("cluster", type=click.Path(path_type=Path))
+cluster_argument = click.argument("cluster", type=PATH)
 
 
 @click.group(epilog=examples("volsplat deploy up lab.toml", "volsplat view head.nrrd --cluster lab.toml"))

@@ -18,14 +18,15 @@ from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.server_options import Servers, server_options
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
+from volsplat.program.command_lines import PATH
 from volsplat.protocol.description.refinement_steps import FinestStep, Step
 
 
 @helped("volsplat gallery plates", "volsplat gallery plates --data measured --size 1024")
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 @click.option(
     "--data",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Folder with measured volumes; phantoms stand for those that are not in it.",
 )
 @server_options

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from volsplat.program.command_lines import examples
+from volsplat.program.command_lines import PATH, examples
 from volsplat.program.server_process import together
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -70,4 +69,4 @@ volumes_argument = click.argument(
 
 
 def output_option(told: str, required: bool = True) -> Callable[[Command], Command]:
-    return click.option("-o", "--output", type=click.Path(path_type=Path), required=required, help=told)
+    return click.option("-o", "--output", type=PATH, required=required, help=told)

@@ -29,6 +29,7 @@ from volsplat.client.movie.movie_formats import MOST_FRAMES, check_clear, check_
 from volsplat.client.movie.volumes_in_turn import OWN_STRENGTHS, check_at_hand, renderers_in_turn, shows_strengths
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.command_lines import PATH
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
@@ -62,7 +63,7 @@ FRAMES = 120
         "--key",
         "keys",
         multiple=True,
-        type=click.Path(path_type=Path),
+        type=PATH,
         metavar="SCENE",
         help="Move from key to key instead, evenly in time; give it twice or more. Scene TOML, or an image of "
         "volsplat's.",

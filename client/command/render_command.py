@@ -29,6 +29,7 @@ from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.written_apart import check_written_apart
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
+from volsplat.program.command_lines import PATH
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Scene
@@ -45,8 +46,8 @@ PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the serve
 @headed(
     FILES,
     output_option("Image file: .png, .jpg, .tif, .exr, .svg or .pdf.", required=False),
-    click.option("--steps-dir", type=click.Path(path_type=Path), help="Folder for every step up to --step."),
-    click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON."),
+    click.option("--steps-dir", type=PATH, help="Folder for every step up to --step."),
+    click.option("--report", type=PATH, help="Write what each step took, as JSON."),
 )
 @trace_option
 @headed(SCENE, click.option("--step", type=Words(Step), default="F", help="Step to draw (F)."))

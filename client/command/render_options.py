@@ -23,6 +23,7 @@ from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import scene_file_bytes, scene_from_bytes, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.volume.surveyed_volume import SurveyedVolume, asking_for_fit, showing_all
+from volsplat.program.command_lines import PATH
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.refinement_steps import PaperStep
@@ -308,7 +309,7 @@ SCENE_OPTIONS = {
 
 scene_options = headed(
     SCENE,
-    click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote."),
+    click.option("--scene", type=PATH, help="Scene TOML, or an image that volsplat wrote."),
     click.option("--preset", type=Words(sorted(PRESETS)), help="Start from this scene."),
     *map(_scene_option, SCENE_OPTIONS),
     click.option(

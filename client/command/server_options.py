@@ -13,6 +13,7 @@ import click
 from volsplat.client.command.help_page import FILES, SERVERS, Command, headed
 from volsplat.client.command.render_outputs import check_file_writable
 from volsplat.deploy.cluster_file import read_cluster
+from volsplat.program.command_lines import PATH
 from volsplat.program.server_process import THREADS, address_option, bytes_option, silence_option, tls_option
 from volsplat.program.this_machine import usable_cores, usual_servers
 from volsplat.protocol.description.volume_name import check_is_there
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from volsplat.client.session.kept_cluster import KeptCluster
 
 COUNT = click.IntRange(min=1)
-FILE = click.Path(path_type=Path)
 
 # How many servers there are, and what those started here may use.
 server_options = headed(
@@ -47,7 +47,7 @@ server_options = headed(
     tls_option,
     click.option(
         "--cluster",
-        type=FILE,
+        type=PATH,
         help="Use the servers of this cluster file instead; brought up for this if they are not.",
     ),
 )
@@ -71,7 +71,7 @@ listen_options = headed(
         callback=address_option,
         help="Wait here for servers started by hand, and start none.",
     ),
-    click.option("--token-file", type=FILE, help="The session's token; made with --listen if missing."),
+    click.option("--token-file", type=PATH, help="The session's token; made with --listen if missing."),
 )
 spawn_option = headed(
     SERVERS,
@@ -79,7 +79,7 @@ spawn_option = headed(
 )
 trace_option = headed(
     FILES,
-    click.option("--trace", type=FILE, help="Write what every process does when, for chrome://tracing or Perfetto."),
+    click.option("--trace", type=PATH, help="Write what every process does when, for chrome://tracing or Perfetto."),
 )
 
 

@@ -9,7 +9,7 @@ import click
 
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
-from volsplat.program.command_lines import HELP, examples
+from volsplat.program.command_lines import HELP, PATH, examples
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.task_pool import PoolOpener
 from volsplat.protocol.text.byte_sizes import bytes_from_option
@@ -22,14 +22,14 @@ from volsplat.protocol.text.errors import BadInput
     context_settings=HELP,
 )
 @click.argument("volume")
-@click.argument("out", metavar="OUT.zarr", type=click.Path(path_type=Path))
+@click.argument("out", metavar="OUT.zarr", type=PATH)
 @click.option("--window", metavar="LOW,HIGH", help="Values that become density 0 and 255 (chosen from the data).")
 @click.option("--directions", type=click.Choice(["octahedral", "paper"]), default="octahedral", help="(octahedral)")
 @click.option("--memory", metavar="SIZE", default="1G", help="What the command may hold at a time (1G).")
 @click.option("--verify/--no-verify", default=True, help="Read everything back at the end (yes).")
 @click.option(
     "--cluster",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Have the Dask workers of this cluster file do it, which all see VOLUME and OUT.zarr.",
 )
 @click.pass_obj

@@ -9,14 +9,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import unquote
 
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.text.file_names import check_utf8
-from volsplat.protocol.text.printable import printable
+from volsplat.protocol.text.file_names import FILE_URL, check_utf8, path_of
 
-LOCAL_URL = "file://"
-THIS_MACHINE = "localhost/"  # which RFC 8089 lets stand before a path
 LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
 
 
@@ -33,15 +29,12 @@ class VolumeName(NamedTuple):
     @property
     def is_far(self) -> bool:
         """Whether it is a URL, and none of this machine's files."""
-        return self.is_url and not self.place.startswith(LOCAL_URL)
+        return self.is_url and not self.place.startswith(FILE_URL)
 
     @property
     def plain_place(self) -> str:
         """The place; of a URL of this machine's files their path, which may look like a URL itself."""
-        if not self.place.startswith(LOCAL_URL):
-            return self.place
-        path = self.place.removeprefix(LOCAL_URL)
-        return unquote(path.removeprefix(THIS_MACHINE[:-1]) if path.startswith(THIS_MACHINE) else path)
+        return path_of(self.place)
 
     def __str__(self) -> str:
         return f"{self.place}#{self.part}" if self.part else self.place
@@ -51,15 +44,13 @@ def volume_name(text: str, is_there: Callable[[str], bool] = os.path.exists) -> 
     """What `text` names: the longest of its possible places that is there, else the shortest, and the part after it.
 
     So a file or folder whose own name has a `#` is taken as it stands, whatever lies beside it.
-    Raises BadInput for what is not UTF-8, too long, or can be no file's name.
+    Raises BadInput for what is not UTF-8, too long, can be no file's name, or is a file:// URL of another machine.
     """
     _check(text)
     shortest, *longer = possible_places(text)
     place = next((one for one in reversed(longer) if is_there(one)), shortest)
-    name = VolumeName(place, text[len(place) + 1 :])
-    if "\0" in name.plain_place:
-        raise BadInput(f"{printable(place)}: no file's name has a byte of 0; leave it out")
-    return name
+    path_of(place)
+    return VolumeName(place, text[len(place) + 1 :])
 
 
 def possible_places(text: str) -> list[str]:

@@ -1,9 +1,34 @@
-"""File names that can be told to others: text, and not any bytes as file systems allow."""
+"""File names that can be told to others: text, and not any bytes as file systems allow. And URLs of files here."""
 
 import os
+from urllib.parse import unquote
 
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
+
+FILE_URL = "file://"
+THIS_MACHINE = ("", "localhost")  # what RFC 8089 lets stand before a path
+
+
+def path_of(name: str) -> str:
+    """The path that a file:// URL names, which may look like a URL itself; any other name as it is.
+
+    Raises BadInput for a URL of another machine's file, and for what can be no file's name.
+    """
+    path = _path_in(name) if name.startswith(FILE_URL) else name
+    if "\0" in path:
+        raise BadInput(f"{printable(name)}: no file's name has a byte of 0; leave it out")
+    return path
+
+
+def _path_in(url: str) -> str:
+    host, _, path = url.removeprefix(FILE_URL).partition("/")
+    if host.lower() not in THIS_MACHINE:
+        raise BadInput(
+            f"{printable(url)}: names the machine {printable(host)}, and {FILE_URL} reaches files of this one alone; "
+            f"mount its folder here and give the path without {FILE_URL}"
+        )
+    return unquote(f"/{path}")
 
 
 def check_utf8(name: str | os.PathLike[str]) -> None:

@@ -47,6 +47,34 @@ def test_a_name_that_is_not_utf8_is_refused_in_one_line(folder: Path, words: lis
     assert sorted(os.listdir(os.fsencode(folder))) == before
 
 
+OUTPUTS = {
+    "image": ["render", "head.nrrd", "--single", "-o", "{}/head.png"],
+    "steps": ["render", "head.nrrd", "--single", "--steps-dir", "{}/steps"],
+    "movie": ["movie", "head.nrrd", "--single", "--frames", "2", "--size", "16x16", "-o", "{}/frames"],
+    "store": ["prepare", "head.nrrd", "{}/head.zarr"],
+    "phantom": ["phantom", "ramp", "--size", "4", "-o", "{}/ramp.nrrd"],
+}
+
+
+@pytest.mark.parametrize("words", OUTPUTS.values(), ids=OUTPUTS)
+def test_what_is_written_may_be_named_by_a_url_of_a_file_here_and_by_no_other(
+    folder: Path, tmp_path: Path, words: list[str]
+) -> None:
+    before = sorted(os.listdir(os.fsencode(folder)))
+    for url, why in (
+        (f"file://otherhost{tmp_path}", "names the machine otherhost, and file:// reaches files of this one alone"),
+        ("s3://bucket", "is a URL, and what is meant must be a file or folder here; give its path"),
+    ):
+        refused = Person(folder).runs(*(word.format(url) for word in words))
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1) and why in refused.stderr
+        assert not list(tmp_path.iterdir())
+    (tmp_path / "a folder").mkdir()
+    done = Person(folder).runs(*(word.format(f"file://{tmp_path}/a%20folder") for word in words))
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "a folder").iterdir())
+    assert sorted(os.listdir(os.fsencode(folder))) == before
+
+
 def test_where_the_language_setting_is_at_fault_the_name_is_not_blamed(folder: Path) -> None:
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     done = subprocess.run(

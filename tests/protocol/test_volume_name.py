@@ -7,6 +7,7 @@ import pytest
 
 from support.files.opened import read_whole
 from support.files.volume_files import values_of, written
+from volsplat.mapshade_server.held.packet_store import names_store
 from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.description.volume_name import absolute_name, check_is_there, volume_name
@@ -64,9 +65,22 @@ def test_a_url_of_a_file_here_leads_to_it_whatever_its_path_looks_like(tmp_path:
     (tmp_path / "x:").mkdir()
     path = written(tmp_path / "x:" / "head.nrrd", values_of("uint8"))
     _, by_path = identified_volume(str(path))
-    for url in (f"file://{tmp_path}/{place}", f"file://localhost{tmp_path}/{place}"):
+    for host in ("", "localhost", "LocalHost"):
+        url = f"file://{host}{tmp_path}/{place}"
         np.testing.assert_array_equal(read_whole(url), read_whole(path))
         assert identified_volume(url)[1] == by_path
+
+
+@pytest.mark.parametrize("host", ["otherhost", "localhost:80", "localhost.example.org", "data", ".."])
+def test_a_url_of_a_file_of_another_machine_is_refused_for_what_it_is(host: str, tmp_path: Path) -> None:
+    url = f"file://{host}{tmp_path}/run.h5"
+    for named in (volume_name, absolute_name, check_is_there, open_volume, identified_volume, names_store):
+        with pytest.raises(BadInput) as refusal:
+            named(f"{url}#/entry")
+        assert str(refusal.value) == (
+            f"{url}: names the machine {host}, and file:// reaches files of this one alone; "
+            f"mount its folder here and give the path without file://"
+        )
 
 
 @pytest.mark.parametrize("name", ["head\0.nrrd", "run\0.h5#/entry", "file:///head%00.nrrd"])
