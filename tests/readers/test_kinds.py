@@ -16,6 +16,7 @@ from support.files.volume_files import written
 from volsplat.client.command.phantom_command import phantom
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
+from volsplat.mapshade_server.readers.medicine.nrrd_header import header_of_file
 from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
 from volsplat.mapshade_server.readers.reading.parts import PartNeeded
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -160,6 +161,40 @@ def test_segments_of_layers_that_the_file_lacks_are_told(
 def test_escapes_in_keys_and_values_are_undone_as_the_format_says(tmp_path: Path, written: str, name: str) -> None:
     one = described(nrrd(tmp_path / "organs.seg.nrrd", VALUES, f"Segment0_Name:={written}"))
     assert one.bands == (Band(name, 1.0, 1.0),)
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "value"),
+    [
+        ("http://example.org/name:=CT: head", "http://example.org/name", "CT: head"),
+        ("a:b:=c:=d", "a:b", "c:=d"),
+        ("see also: that:=this", "see also: that", "this"),
+        (":a:=", ":a", ""),
+        ("space:=lost", "space", "lost"),
+    ],
+)
+def test_a_key_may_hold_colons_unless_a_field_stands_before_one_and_a_blank(
+    tmp_path: Path, line: str, key: str, value: str
+) -> None:
+    header = header_of_file(nrrd(tmp_path / "v.nrrd", VALUES, line))
+    assert header.pairs == {key: value}
+    assert not header.fields.keys() - header_of_file(nrrd(tmp_path / "plain.nrrd", VALUES, "# none")).fields.keys()
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "value"),
+    [
+        ("content: a:=b", "content", "a:=b"),
+        ("Sample Units: g:=h", "sample units", "g:=h"),
+        ('spaceunits: "mm"', "space units", '"mm"'),
+        ("Centerings: cell:=cell", "centers", "cell:=cell"),
+        ("units:x: y", "units", "x: y"),
+        ("none of the format: a: b", "none of the format", "a: b"),
+    ],
+)
+def test_what_stands_behind_a_field_is_its_own(tmp_path: Path, line: str, name: str, value: str) -> None:
+    header = header_of_file(nrrd(tmp_path / "v.nrrd", VALUES, line))
+    assert header.fields[name] == value and not header.pairs
 
 
 def named_volumes(path: Path) -> list[str]:

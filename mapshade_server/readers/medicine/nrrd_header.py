@@ -13,16 +13,13 @@ from volsplat.protocol.text.errors import BadInput
 LONGEST_HEADER = 1 << 20
 LONGEST_LINE = 1 << 16
 
-# Other spellings of fields, in lower case.
-FIELDS = {
-    "axismins": "axis mins",
-    "axismaxs": "axis maxs",
-    "centerings": "centers",
-    "datafile": "data file",
-    "lineskip": "line skip",
-    "byteskip": "byte skip",
-    "sampleunits": "sample units",
-}
+_NAMES = (
+    "content,number,type,block size,dimension,space,space dimension,sizes,spacings,thicknesses,axis mins,axis maxs,"
+    "space directions,centers,kinds,labels,units,min,max,old min,old max,data file,endian,encoding,line skip,byte skip,"
+    "sample units,space units,space origin,measurement frame"
+).split(",")
+# The format's fields by all of their spellings, in lower case.
+FIELDS = {"centerings": "centers", **{spelt: name for name in _NAMES for spelt in (name, name.replace(" ", ""))}}
 
 
 @dataclass(frozen=True)
@@ -86,16 +83,25 @@ def header_of_file(path: Path) -> NrrdHeader:
             text = line.decode("utf-8", "replace").strip()
             if fields.get("data file", "").upper().startswith("LIST"):
                 file_list.append(text)
-            elif not text.startswith("#") and ":" in text:
-                name, _, value = text.partition(":")
-                if value.startswith("="):
-                    pairs[_unescaped(name)] = _unescaped(value[1:])
-                else:
-                    name = name.strip().lower()
-                    fields[FIELDS.get(name, name)] = value.strip()
+            elif not text.startswith("#"):
+                _take(text, fields, pairs)
             if file.tell() > LONGEST_HEADER:
                 raise BadInput(f"{path}: the NRRD header does not end; correct the file")
         return NrrdHeader(path, fields, pairs, tuple(file_list), file.tell())
+
+
+def _take(line: str, fields: dict[str, str], pairs: dict[str, str]) -> None:
+    """Add what a line states: one of the format's fields before ": ", else a key before ":=", which may have colons."""
+    name, colon, value = line.partition(": ")
+    if not colon or name.strip().lower() not in FIELDS:
+        key, equals, text = line.partition(":=")
+        if equals:
+            pairs[_unescaped(key)] = _unescaped(text)
+            return
+        name, colon, value = line.partition(":")  # some leave out the blank
+    if colon:
+        name = name.strip().lower()
+        fields[FIELDS.get(name, name)] = value.strip()
 
 
 def _unescaped(text: str) -> str:
