@@ -138,6 +138,19 @@ def test_a_path_may_hold_commas_and_equals_signs() -> None:
     assert array_part("file", "run 1=a/b").path == "run 1=a/b"
 
 
+def test_a_path_is_asked_for_where_it_looks_like_options_the_longest_first() -> None:
+    asked = list[str]()
+
+    def is_path(path: str) -> bool:
+        asked.append(path)
+        return path == "a,b,c=d"
+
+    assert array_part("file", "a,b", is_path).path == "a,b" and asked == []
+    part = array_part("file", "a,b,c=d,t=1,u=2", is_path)
+    assert (part.path, part.options) == ("a,b,c=d", {"t": "1", "u": "2"})
+    assert asked == ["a,b,c=d,t=1,u=2", "a,b,c=d,t=1", "a,b,c=d"]
+
+
 @pytest.mark.parametrize(
     ("text", "symbol", "metres"),
     [

@@ -81,12 +81,13 @@ class ArrayPart(NamedTuple):
 
 
 def array_part(place: object, part: str, is_path: Callable[[str], bool] = lambda path: False) -> ArrayPart:
-    """The pieces of `part`; the longest beginning that `is_path` is its path, whatever it looks like.
+    """The pieces of `part`; of beginnings that look as if they had options the longest that `is_path` is its path.
 
     Raises BadInput if an option has no value or is given twice.
     """
     items = part.split(",") if part else []
-    length = next((n for n in range(len(items), 0, -1) if is_path(",".join(items[:n]).strip())), 0)
+    plain = next((n for n, item in enumerate(items) if _OPTION.fullmatch(item)), len(items))
+    length = next((n for n in range(len(items), plain, -1) if is_path(",".join(items[:n]).strip())), plain)
     path = items[:length]
     options: dict[str, str] = {}
     key = ""

@@ -30,8 +30,8 @@ def recognises(head: bytes) -> bool:
 
 def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
     """The reader for a variable. Raises BadInput if none is a volume, or one must be named, or it is truncated."""
-    chosen = array_part(path, part)
     variables = netcdf_variables(path)
+    chosen = array_part(path, part, lambda name: name.strip("/") in variables)
     if MINC in variables:
         raise is_minc(chosen)
     variable = _chosen(chosen, variables)

@@ -7,6 +7,7 @@ Pickled objects are never loaded: they are programs.
 import warnings
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from io import BytesIO
@@ -52,10 +53,12 @@ def open_npy(path: Path, part: str) -> OpenedVolume:
 
 def open_npz(path: Path, part: str) -> OpenedVolume:
     """The reader for an array in an .npz. Raises BadInput if there is none or one must be chosen."""
-    chosen = array_part(path, part)
+    chosen = ArrayPart(str(path), part, {})
     try:
         with zipfile.ZipFile(path) as archive:
-            member = _member(chosen, archive)
+            arrays = {member.filename.removesuffix(NPY): member for member in archive.infolist()}
+            chosen = array_part(path, part, arrays.__contains__)
+            member = _member(chosen, archive, arrays)
             chosen = chosen._replace(path=member.filename.removesuffix(NPY))
             with archive.open(member) as file:
                 array = _array(chosen, file)
@@ -110,9 +113,8 @@ def _damaged(part: ArrayPart, error: Exception) -> BadInput:
     return BadInput(f"{part.whole}: the .npz is damaged or truncated ({error}); save or fetch it again")
 
 
-def _member(part: ArrayPart, archive: zipfile.ZipFile) -> zipfile.ZipInfo:
+def _member(part: ArrayPart, archive: zipfile.ZipFile, arrays: Mapping[str, zipfile.ZipInfo]) -> zipfile.ZipInfo:
     """The array that the part names, or the only one with enough axes."""
-    arrays = {member.filename.removesuffix(NPY): member for member in archive.infolist()}
     if part.path:
         if part.path in arrays:
             return arrays[part.path]

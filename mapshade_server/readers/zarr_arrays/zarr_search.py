@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_volume import array_told, choose_one, shown
 from volsplat.mapshade_server.readers.reading.natural_order import natural_order
 from volsplat.mapshade_server.readers.reading.part_options import listed
@@ -26,6 +26,17 @@ class FoundArray(NamedTuple):
     image: Multiscale | None = None
     level: int = 0
     named: bool = True  # not the first level of an image for want of a word
+
+
+def named_array(part: str, place: ZarrPlace) -> FoundArray:
+    """The array that a part of a name means. Raises BadInput if there is none, or several and none is named."""
+    return found_array(array_part(place.name, part, lambda path: _is_path(path, place)), place)
+
+
+def _is_path(path: str, place: ZarrPlace) -> bool:
+    """Whether an array or group is there, or may have a level of that number."""
+    group, _, number = path.rpartition("/")
+    return place.node(path) is not None or (number.isdecimal() and place.node(group) is not None)
 
 
 def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
-from volsplat.mapshade_server.readers.arrays.array_part import array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.array_volume import ONE_CHUNK, array_volume, is_one_chunk
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of, warnings_of
@@ -29,7 +28,7 @@ from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Json, level_ax
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import at_most, check_codecs
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import fetched_files, files_of_arrays
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, ZarrPlace, one_line_errors
-from volsplat.mapshade_server.readers.zarr_arrays.zarr_search import FoundArray, found_array
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_search import FoundArray, named_array
 from volsplat.protocol.text.errors import BadInput
 
 ZIP_MAGIC = b"PK\3\4"
@@ -46,7 +45,7 @@ def recognises_zip(head: bytes) -> bool:
 def open_folder(path: Path, part: str) -> OpenedVolume:
     """The reader for an array in a folder. Raises BadInput if none is a volume or one must be chosen."""
     with one_line_errors(str(path)):
-        found = found_array(array_part(path, part), zarr_place.folder(str(path)))
+        found = named_array(part, zarr_place.folder(str(path)))
         root = Path(found.place.name)
         within = (root / found.array.path).rglob("*")
         _check_has_chunks(found, (entry.name for entry in within if entry.is_file()))
@@ -56,7 +55,7 @@ def open_folder(path: Path, part: str) -> OpenedVolume:
 def open_zip(path: Path, part: str) -> OpenedVolume:
     """The reader for an array in a zip file. Raises BadInput as open_folder does, and for zip bombs."""
     with one_line_errors(str(path)):
-        found = found_array(array_part(path, part), zarr_place.zip_file(str(path)))
+        found = named_array(part, zarr_place.zip_file(str(path)))
         with zipfile.ZipFile(path) as archive:
             members = [one for one in archive.infolist() if one.filename.startswith(found.array.path)]
         together = np.prod(found.array.shards or found.array.chunks, dtype=object) * found.array.dtype.itemsize
@@ -74,7 +73,7 @@ def open_url(url: str, part: str) -> OpenedVolume:
             return fetched_files(found.place.name, found.array, lambda: zarr_place.file_system(place))
 
     with one_line_errors(place):
-        found = found_array(array_part(place, part), zarr_place.remote(place))
+        found = named_array(part, zarr_place.remote(place))
         return _reader(found, files)
 
 

@@ -146,6 +146,21 @@ def test_the_only_volume_is_taken_and_others_are_listed(tmp_path: Path) -> None:
         open_volume(f"{path}#v")
 
 
+def test_a_variable_is_chosen_though_its_name_looks_like_an_option(tmp_path: Path) -> None:
+    values = values_of("int16")
+
+    def fill(file: Any) -> None:
+        variable(file, "a", ("time", "z", "y", "x"), np.stack([values, values + 1]))
+        variable(file, "a,time=1", ("time", "z", "y", "x"), np.stack([values + 2, values + 3]))
+        variable(file, "t=3", ("z", "y", "x"), values + 4)
+
+    path = written(tmp_path / "v.nc", fill)
+    for part, more in (("a,time=0", 0), ("a,time=1,time=1", 3), ("t=3", 4), ("/t=3,spacing=1x1x2", 4)):
+        np.testing.assert_array_equal(read_whole(f"{path}#{part}"), values + more)
+    with pytest.raises(BadInput, match="“t=4” names no axis|choose one, as in"):
+        open_volume(f"{path}#t=4")
+
+
 def test_only_the_rows_of_a_box_are_read(tmp_path: Path) -> None:
     with netCDF4.Dataset(tmp_path / "v.nc", "w", format="NETCDF3_64BIT_OFFSET") as file:
         for name in "zyx":

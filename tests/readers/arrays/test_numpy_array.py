@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -146,6 +146,9 @@ def test_an_npz_gives_the_array_that_is_named(tmp_path: Path) -> None:
             open_volume(f"{path}#two")
         save(path, flat=values[0], one=values)
         np.testing.assert_array_equal(read_whole(path), values)
+        like_options: dict[str, Any] = {"a": values, "a,t=1": values * 2}
+        save(path, **like_options)
+        np.testing.assert_array_equal(read_whole(f"{path}#a,t=1,axes=zyx"), values * 2)
 
 
 def cut(path: Path, share: float) -> Path:

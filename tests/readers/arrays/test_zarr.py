@@ -190,6 +190,23 @@ def test_arrays_and_images_in_groups_are_named_by_path(tmp_path: Path) -> None:
         open_volume(f"{tmp_path}/v.zarr#none")
 
 
+def test_arrays_are_chosen_though_their_paths_look_like_options(tmp_path: Path) -> None:
+    path = tmp_path / "v.zarr"
+    group = zarr.open_group(path, mode="w")
+    for name, first in (("a", 0), ("a,axis0=1", 2)):
+        group.create_array(name, data=np.stack([cube(4) + first, cube(4) + first + 1]))
+    group.create_array("run=1/density", data=cube(4) + 4)
+    image(path / "day=2", LEVELS[:2], paths=["fine", "coarse"])
+    with served(tmp_path) as web:
+        for place in (path, zipped(path), f"{web.url}/v.zarr"):
+            for part, more in (("a,axis0=0", 0), ("a,axis0=1,axis0=1", 3), ("run=1/density,unit=mm", 4)):
+                np.testing.assert_array_equal(read_whole(f"{place}#{part}"), cube(4) + more)
+            for part, level in (("day=2", 0), ("day=2/1", 1), ("day=2/coarse", 1)):
+                np.testing.assert_array_equal(read_whole(f"{place}#{part}"), LEVELS[level])
+            with pytest.raises(BadInput, match="has no “day=2/7”; its levels are 0 to 1"):
+                open_volume(f"{place}#day=2/7")
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_arrays_of_xarray_are_placed_and_unpacked(version: int, tmp_path: Path) -> None:
     stored = np.arange(210, dtype=np.int16).reshape(5, 6, 7)
