@@ -26,7 +26,7 @@ widenings = st.tuples(*[st.floats(1.0, 3.0)] * 3)  # as far as a third of a pixe
 def test_its_coefficients_are_those_that_restore_waves_best(kernel: SlabKernel) -> None:
     found = COEFFICIENTS[kernel]
     best = coefficients_of(kernel, SLAB_RADIUS[kernel], len(found))
-    assert (best - torch.tensor(found, dtype=torch.float64)).abs().max() <= 1e-4
+    assert (best - torch.tensor(found, dtype=torch.float64)).abs().max() <= 0.51e-4  # four decimals are kept
 
 
 @given(signed, widenings, seeds)

@@ -48,9 +48,11 @@ def coefficients_of(kernel: SlabKernel, radius: float, count: int) -> Tensor:
 def least_squares(radius: float, count: int) -> Tensor:
     """The coefficients (count,), scaled so that the kernel integrates to 1."""
     r, shapes = _over_space(radius, count)
+    # Powers of q are so alike that rounding alone would change their coefficients by a thousandth.
+    orthogonal, powers = torch.linalg.qr(shapes)
 
     def transformed(frequency: Tensor) -> Tensor:
-        return torch.sinc(frequency[:, None] * r / math.pi) @ shapes
+        return torch.sinc(frequency[:, None] * r / math.pi) @ orthogonal
 
     drawn = torch.Generator().manual_seed(1)
     directions = torch.randn((WAVES, 3), generator=drawn, dtype=torch.float64)
@@ -62,7 +64,8 @@ def least_squares(radius: float, count: int) -> Tensor:
     for alias in 2 * math.pi * torch.cartesian_prod(axis, axis, axis):
         found = transformed((waves + alias).norm(dim=1))
         squares += (found * share[:, None]).T @ found
-    coefficients: Tensor = torch.linalg.solve(squares, (transformed(size) * share[:, None]).sum(dim=0))
+    best = torch.linalg.solve(squares, (transformed(size) * share[:, None]).sum(dim=0))
+    coefficients: Tensor = torch.linalg.solve(powers, best)
     return coefficients / (shapes.sum(dim=0) @ coefficients)
 
 
