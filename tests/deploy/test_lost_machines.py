@@ -51,17 +51,20 @@ def test_a_clock_that_leaps_makes_no_server_end_sooner(
         )
         assert person.runs("deploy", "up", str(path)).returncode == 0
     cluster = RunningCluster(path)
-    with pytest.raises(BadInput, match="not everything is down"):
-        cluster.down(print)
-    monkeypatch.setattr(time, "time", lambda: time.time_ns() / 1e9 + 100 * keep)
-    with pytest.raises(BadInput, match="not everything is down"):
-        cluster.down(print)
-    state = cluster.folder.load()
-    assert state is not None
-    before = Moment("another", -keep)
-    cluster.folder.save(msgspec.structs.replace(state, unanswered_since=dict.fromkeys(state.unanswered_since, before)))
-    with pytest.raises(BadInput, match=f"in {keep} s"):
-        cluster.down(print)
+    try:
+        with pytest.raises(BadInput, match="not everything is down"):
+            cluster.down(print)
+        monkeypatch.setattr(time, "time", lambda: time.time_ns() / 1e9 + 100 * keep)
+        with pytest.raises(BadInput, match="not everything is down"):
+            cluster.down(print)
+        state = cluster.folder.load()
+        assert state is not None
+        before = dict.fromkeys(state.unanswered_since, Moment("another", -keep))
+        cluster.folder.save(msgspec.structs.replace(state, unanswered_since=before))
+        with pytest.raises(BadInput, match=f"in {keep} s"):
+            cluster.down(print)
+    finally:
+        psutil.Process(left_by(path, "127.0.0.1 map/shade")).kill()
 
 
 def test_only_time_of_one_run_of_the_machine_has_passed_for_certain() -> None:
