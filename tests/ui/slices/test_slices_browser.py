@@ -27,6 +27,12 @@ PIXELS = """(slice) => {
 }"""
 
 
+WHEEL = """(slice, [unit, deltaY, ctrlKey]) => {
+    const deltaMode = WheelEvent[`DOM_DELTA_${unit}`], { x, y, width, height } = slice.getBoundingClientRect();
+    const wheel = { deltaMode, deltaY, ctrlKey, clientX: x + width / 2, clientY: y + height / 2, cancelable: true };
+    return !slice.dispatchEvent(new WheelEvent("wheel", { ...wheel, bubbles: true }));
+}"""
+
 BEGIN = {"i": 11, "j": 15, "k": 13}
 
 
@@ -184,6 +190,18 @@ def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> Non
     assert index_of(page, "k") == 27
     page.keyboard.press("PageDown")
     assert index_of(page, "k") == 17 and page.evaluate("() => window.volsplatViewport.sent.length") == sent
+
+
+@pytest.mark.parametrize("unit", ["LINE", "PAGE"])
+def test_a_wheel_that_counts_in_lines_or_pages_steps_a_slice_a_notch_and_zooms_as_far_as_they_are(
+    page: Page, unit: str
+) -> None:
+    across, begin = slice_across(page, "k"), index_of(page, "k")
+    count, height = (-3, 33.0) if unit == "LINE" else (-1, box(across)["height"])
+    assert across.evaluate(WHEEL, [unit, count, False]) and index_of(page, "k") == begin + 1
+    across.evaluate(WHEEL, [unit, count, True])
+    zoom = float(across.get_attribute("data-zoom") or "nan")
+    assert zoom == pytest.approx(2 ** (-count * height / 400), abs=2e-3)
 
 
 def test_a_trackpads_pinch_zooms_a_slice_in_safari(page: Page) -> None:

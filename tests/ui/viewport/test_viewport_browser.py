@@ -126,6 +126,25 @@ def test_the_wheel_zooms_to_the_pointer_and_settles_after_it(shown: ShownViewpor
     assert still_under == pytest.approx(under, abs=CAMERA_PIXELS)
 
 
+@pytest.mark.parametrize(
+    ("unit", "count", "pixels"),
+    [("PIXEL", -100, 100), ("LINE", -3, 99), ("PAGE", -0.25, SIZE[1] / 4), ("PAGE", 1, -200), ("PAGE", -1, 200)],
+)
+def test_the_wheel_counts_in_what_the_browser_says_and_not_beyond_a_bound(
+    shown: ShownViewport, unit: str, count: float, pixels: float
+) -> None:
+    assert shown.canvas.evaluate("canvas => canvas.parentElement.clientHeight") == SIZE[1]
+    shown.canvas.evaluate(
+        """(canvas, [unit, deltaY, clientX, clientY]) => {
+            const deltaMode = WheelEvent[`DOM_DELTA_${unit}`];
+            const wheel = { deltaMode, deltaY, clientX, clientY, bubbles: true, cancelable: true };
+            canvas.dispatchEvent(new WheelEvent("wheel", wheel));
+        }""",
+        [unit, count, *MIDDLE],
+    )
+    assert shown.process.wait_for_settled()["zoom"] == pytest.approx(VIEW["zoom"] * 2 ** (pixels / 400), rel=ROUNDING)
+
+
 def test_a_trackpads_pinch_zooms_in_safari(shown: ShownViewport) -> None:
     shown.canvas.evaluate(SAFARI_PINCH, [1.25, 2.0])
     view = shown.process.wait_for_settled()

@@ -2,6 +2,7 @@
 // as well, whose value is the slice that it shows.
 
 import { onPixelRatio } from "../browser/pixel_ratio.js";
+import { wheelPixels } from "../browser/wheel.js";
 import { svg } from "../viewport/svg.js";
 import { SliceGestures } from "./slice_gestures.js";
 
@@ -12,7 +13,6 @@ const MOST_ZOOM = 64;
 const KEY_ZOOM = 1.25;
 const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps with Ctrl
 const NOTCH = 50; // wheel pixels of one slice of a touchpad; what comes at once of more is a wheel's own notch
-const LINE = 33; // wheel pixels of a line, if a browser counts in lines
 const FAR = 10; // slices that PageUp and PageDown step
 const AXES = "ijk";
 
@@ -153,8 +153,7 @@ export class SliceView {
 
   #wheel(event) {
     event.preventDefault();
-    const unit = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1;
-    const pixels = event.deltaY * unit;
+    const pixels = wheelPixels(event, this.element);
     if (event.ctrlKey || event.metaKey) {
       const zoomed = pixels * (Math.abs(pixels) < NOTCH ? PINCH : 1);
       return this.move(this.at(event), this.at(event), 2 ** (-zoomed / HALF_ZOOM));

@@ -5,11 +5,11 @@
 
 import { panned, pinched, rolled, turned, zoomed } from "./camera.js";
 import { onTrackpadPinch } from "../browser/trackpad_pinch.js";
+import { wheelPixels } from "../browser/wheel.js";
 
 const CLICK = 3; // CSS pixels: what moves less is a click
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST = 200; // wheel pixels that count at once
-const LINE = 33; // wheel pixels of a line, if a browser counts in lines
 const SOONEST = "onpointerrawupdate" in window ? "pointerrawupdate" : null; // in Chromium and Firefox
 const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
 
@@ -110,9 +110,8 @@ export class Gestures {
   #wheel(event) {
     if (event.target.closest(".vs-help")) return; // which scrolls
     event.preventDefault();
-    const unit = (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1) * (event.ctrlKey ? PINCH : 1);
-    const pixels = Math.min(MOST, Math.max(-MOST, event.deltaY * unit));
-    this.#zoom(event, 2 ** (-pixels / HALF_ZOOM));
+    const pixels = wheelPixels(event, this.#viewport.element) * (event.ctrlKey ? PINCH : 1);
+    this.#zoom(event, 2 ** (-Math.min(MOST, Math.max(-MOST, pixels)) / HALF_ZOOM));
   }
 
   /** About the pointer, unless fingers are at it. */
