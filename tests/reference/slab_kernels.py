@@ -52,7 +52,8 @@ def least_squares(radius: float, count: int) -> Tensor:
     orthogonal, powers = torch.linalg.qr(shapes)
 
     def transformed(frequency: Tensor) -> Tensor:
-        return torch.sinc(frequency[:, None] * r / math.pi) @ orthogonal
+        found: Tensor = torch.sinc(frequency[:, None] * r / math.pi) @ orthogonal
+        return found
 
     drawn = torch.Generator().manual_seed(1)
     directions = torch.randn((WAVES, 3), generator=drawn, dtype=torch.float64)
