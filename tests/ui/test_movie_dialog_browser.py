@@ -78,16 +78,19 @@ def test_escape_closes_the_dialog_but_first_the_menu_that_is_open_in_it(page: Pa
 
 
 COUNT = "images: give a whole number from 2 to 10000"
+NAME = "name: give one of more than blanks that does not begin with a dot, without slashes"
 # No two in a row are told alike, so that each answer is seen to be a new one.
 REFUSED = [
     ("images", "0", COUNT),
-    ("name", "../head", "name: give 1 to 100 characters"),
+    ("name", "../head", NAME),
     ("images", "1", COUNT),
     ("width", "8", "width, pixels: give a whole number from 16 to 16384"),
     ("images", "-5", COUNT),
     ("images a second", "0", "images a second: give a whole number from 1 to 120"),
     ("images", "99999", COUNT),
-    ("name", "", "name: give 1 to 100 characters"),
+    ("name", "", NAME),
+    ("name", "😀" * 100, "name: it takes 404 bytes with .mp4, and a file's takes 255 at most; give a shorter one"),
+    ("name", "   ", NAME),
     ("images", "", COUNT),
 ]
 
@@ -100,6 +103,15 @@ def test_what_makes_no_movie_is_refused_in_words(page: Page) -> None:
         page.get_by_text(told).wait_for()
         assert page.get_by_role("button", name="cancel").is_hidden()
         fill(page, **{field: good})
+
+
+def test_a_name_may_be_as_long_as_a_file_s(page: Page, tmp_path: Path) -> None:
+    name = "頭" * 83 + "ab"  # 251 bytes, and the ending's 4
+    fill(page, images="2", width="16", height="16", name=name)
+    with page.expect_download() as download:
+        page.get_by_text("make the movie").click()
+    page.get_by_text(f"2 images in {name}.mp4").wait_for()
+    assert download.value.path().read_bytes()[4:8] == b"ftyp"
 
 
 def test_key_scenes_are_wanted_before_a_flight(page: Page) -> None:

@@ -258,3 +258,8 @@ def test_a_job_that_fails_says_why_in_one_line(single: SingleProcess, tmp_path: 
 def test_a_place_that_cannot_be_written_is_refused_at_once(single: SingleProcess, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="there is no folder .*absent; make it first"):
         MovieJob(single, turn(single, 2), tmp_path / "absent" / "turn")
+
+
+def test_a_name_that_the_system_refuses_is_refused_at_once(single: SingleProcess, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="cannot be written: File name too long"):
+        MovieJob(single, turn(single, 2), tmp_path / f"{'頭' * 84}.mp4")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import shutil
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.controls.side_dialog import SideDialog
 from volsplat.client.ui.doors.handed_files import hand_file
+from volsplat.client.ui.doors.saved_names import saved_name
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -26,7 +26,6 @@ KINDS = (".mp4", ".webm")
 IMAGES = (2, 10_000)  # least and most
 IMAGES_A_SECOND = (1, 120)
 PIXELS = (16, LARGEST_EXTENT)
-LONGEST_NAME = 100
 SECONDS_BETWEEN_LOOKS = 0.2
 
 
@@ -101,7 +100,7 @@ class MovieDialog:
             self._trouble.text = str(error)
             return
         try:
-            path = folder / f"{_file_name(self._name.value)}{self._kind.value}"
+            path = folder / saved_name(self._name.value, self._kind.value)
             scenes, rate = self._scenes(), _whole(self._rate, IMAGES_A_SECOND)
             figure = Figure() if self._as_figures.value else None
             self._job = MovieJob(drawing, scenes, path, rate, figure=figure)
@@ -170,13 +169,6 @@ def _whole(field: ui.number, limits: tuple[int, int]) -> int:
     if value is None or value != int(value) or not least <= value <= most:
         raise BadInput(f"{field.label}: give a whole number from {least} to {most}")
     return int(value)
-
-
-def _file_name(name: str) -> str:
-    """Raises BadInput for what names no file."""
-    if not re.fullmatch(r"[^/\\\x00-\x1f]+", name) or name.startswith(".") or len(name) > LONGEST_NAME:
-        raise BadInput(f"name: give 1 to {LONGEST_NAME} characters that do not begin with a dot, without slashes")
-    return name
 
 
 def _told(error: VolsplatError | str, folder: Path) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 from collections.abc import Callable
 from functools import cache, partial
 
@@ -13,6 +12,7 @@ from nicegui import context, ui
 from volsplat.client.ui.controls.controls import menu_by_arrows
 from volsplat.client.ui.controls.scene_upload import SceneUpload
 from volsplat.client.ui.doors.handed_files import hand_bytes
+from volsplat.client.ui.doors.saved_names import stem_of
 from volsplat.client.ui.panels.figure_dialog import FigureDialog
 from volsplat.client.ui.panels.movie_dialog import MovieDialog
 from volsplat.client.ui.viewing.finished_picture import FinishedPicture
@@ -94,8 +94,8 @@ async def _finished(viewing: Viewing) -> Picture:
 
 
 def file_stem(viewing: Viewing) -> str:
-    """A file name from the volume's, without its suffixes."""
-    return re.sub(r"\W+", "-", viewing.volume.description.name.split(".")[0]).strip("-") or "volume"
+    """A file name from the volume's, without an ending."""
+    return stem_of(viewing.volume.description.name)
 
 
 def _save_scene(viewing: Viewing) -> None:

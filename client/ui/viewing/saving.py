@@ -185,7 +185,10 @@ class MovieJob:
         figure: Figure | None = None,
     ) -> None:
         """Start making it. Raises BadInput if it could not be written to `path`."""
-        check_movie_writable(path)
+        try:
+            check_movie_writable(path)
+        except OSError as error:
+            raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from error
         self.path = path
         self.error: str | None = None  # one line, if it failed; known before it is done
         self.line = "starting"  # how it goes, in words
