@@ -48,6 +48,7 @@ from volsplat.program.extras import need
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume_name import check_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.levels import Thinning
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
@@ -248,10 +249,13 @@ class Session(Renderer):
         """The volumes and folders in a `folder` below `root`, as the servers see them; of names those with `words`.
 
         What does not lie below the root, links followed, is not told. Frames that run go on.
-        Raises BadInput if there is no such folder, or it cannot be read, and PeerLost if no server is there to look.
+        Raises BadInput if there is no such folder, or it cannot be read, or names are too long to be asked for, and
+        PeerLost if no server is there to look.
         """
         self._opened_by.check()
         seen = self._servers.volume(checked_volume(root))
+        for name in (folder, words):
+            check_name(name)
         if self._has_volume:
             self.volume  # noqa: B018  until it is known there may be no server
         found = self._coordination.ask(lambda number: FolderAsked(number, seen, folder, words)).result()

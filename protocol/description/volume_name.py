@@ -46,7 +46,7 @@ def volume_name(text: str, is_there: Callable[[str], bool] = os.path.exists) -> 
     So a file or folder whose own name has a `#` is taken as it stands, whatever lies beside it.
     Raises BadInput for what is not UTF-8, too long, can be no file's name, or is a file:// URL of another machine.
     """
-    _check(text)
+    check_name(text)
     shortest, *longer = possible_places(text)
     place = next((one for one in reversed(longer) if is_there(one)), shortest)
     path_of(place)
@@ -65,7 +65,7 @@ def absolute_name(text: str) -> str:
     if name.is_url:
         return text
     absolute = str(name._replace(place=str(Path(name.place).absolute())))
-    _check(absolute)
+    check_name(absolute)
     return absolute
 
 
@@ -76,7 +76,8 @@ def check_is_there(text: str) -> None:
         raise BadInput(f"{name.place}: no such file or folder")
 
 
-def _check(text: str) -> None:
+def check_name(text: str) -> None:
+    """Raises BadInput for what no message can hold."""
     check_utf8(text)
     if len(text) > LONGEST_VOLUME_NAME:
         raise BadInput(

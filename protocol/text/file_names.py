@@ -37,14 +37,14 @@ def check_utf8(name: str | os.PathLike[str]) -> None:
         os.fspath(name).encode()
     except UnicodeEncodeError:
         shown = printable(os.fspath(name))
-        if _is_utf8(os.fsencode(name)):
+        if _is_utf8(name):
             raise BadInput(f"{shown}: this terminal's language setting is not UTF-8; set LC_ALL=C.UTF-8") from None
         raise BadInput(f"{shown}: this name is not UTF-8; rename it, or link to it by another name") from None
 
 
-def _is_utf8(name: bytes) -> bool:
+def _is_utf8(name: str | os.PathLike[str]) -> bool:
     try:
-        name.decode("utf-8")
-    except UnicodeDecodeError:
+        os.fsencode(name).decode("utf-8")
+    except UnicodeError:
         return False
     return True

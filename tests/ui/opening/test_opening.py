@@ -45,6 +45,7 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.shading_tables import ScalarTable
+from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.folder_messages import MOST_ENTRIES
 from volsplat.protocol.text.errors import BadInput, PeerLost
@@ -180,6 +181,15 @@ EDGE = ScalarTable(points=((0.25, 0.0), (0.75, 1.0)))
 
 def with_edge(scene: Scene) -> Scene:
     return msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=EDGE))
+
+
+@pytest.mark.parametrize("typed", ["x" * (LONGEST_VOLUME_NAME + 1), "\ud800"])
+def test_what_no_message_can_hold_is_refused_and_costs_no_server(opened: Opened, typed: str) -> None:
+    for folder, words in (("", typed), (typed, "")):
+        with pytest.raises(BadInput, match="too long|not UTF-8"):
+            opened.opening.listed(folder, words)
+    assert [entry.name for entry in opened.opening.listed("", "head").entries] == ["head.nrrd"]
+    assert not any(server.lost for server in opened.viewing.session.servers)
 
 
 def test_a_volume_that_is_opened_again_is_as_it_was_left_and_undo_begins_with_it(opened: Opened) -> None:
