@@ -19,7 +19,7 @@ from volsplat.client.command.server_options import Servers, server_options
 from volsplat.client.command.side_console import SideConsole
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.command_lines import PATH
-from volsplat.protocol.description.refinement_steps import FinestStep, Step
+from volsplat.protocol.description.refinement_steps import Step
 
 
 @helped("volsplat gallery plates", "volsplat gallery plates --data measured --size 1024")
@@ -31,7 +31,7 @@ from volsplat.protocol.description.refinement_steps import FinestStep, Step
 )
 @server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
-@click.option("--step", type=Words(FinestStep), default="F", help="The step for what the paper draws in step F (F).")
+@click.option("--step", type=Words(Step), default="F", help="The step for what the paper draws in step F (F).")
 def gallery(out: Path, data: Path | None, size: int, step: str, **settings: Any) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 

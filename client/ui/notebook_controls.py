@@ -16,7 +16,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.step_states import StepsState, step_letters
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.refinement_steps import FinestStep, Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import TABLE_WORDS
 from volsplat.protocol.description.shading_tables import ColourTable
@@ -40,7 +40,7 @@ class TableChanged(msgspec.Struct, tag="table", frozen=True):
 class FinestChosen(msgspec.Struct, tag="finest", frozen=True):
     """The image is to refine to this step."""
 
-    finest: FinestStep
+    finest: Step
 
 
 class ControlsTalk:
@@ -51,7 +51,7 @@ class ControlsTalk:
         self._fields = IndexedFields(viewing.volume)
         self._answers = dict.fromkeys(TABLE_WORDS, 0)  # of each table, the number of the last change made there
         self._tables: dict[str, dict[str, Any]] = {}  # as they were told
-        self._finest: FinestStep | None = None  # likewise
+        self._finest: Step | None = None  # likewise
         self._steps = StepsState(viewing)
         self._throttle = Throttle(INTERVAL, lambda: send({"chips": [asdict(chip) for chip in self._steps.chips()]}))
         self._subscriptions = contextlib.ExitStack()

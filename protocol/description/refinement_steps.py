@@ -24,13 +24,3 @@ class PaperStep(StrEnum):
     D = "D"
     E = "E"
     F = "F"
-
-
-class FinestStep(StrEnum):
-    """Those that a refinement may end with."""
-
-    F = "F"
-    G = "G"
-
-
-FINEST_WORDS = {FinestStep.F: "refine to F", FinestStep.G: "refine to G"}

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from volsplat.protocol.description.colours import COLOUR_ALLOWED, Colour
 from volsplat.protocol.description.patches import Plane
-from volsplat.protocol.description.refinement_steps import FINEST_WORDS, FinestStep, PaperStep
+from volsplat.protocol.description.refinement_steps import PaperStep, Step
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
     Buttons,
@@ -269,12 +269,13 @@ class Refine(Part, frozen=True):
         ),
     ] = PaperStep.E
     finest: Annotated[
-        FinestStep,
+        Step,
         Key(
-            "The step that refinement ends with on the page: F, or G, which is crisp at any zoom, and slower.",
-            Buttons("finest step", labelled=False, words=FINEST_WORDS),
+            "The step that refinement ends with on the page; what moves is drawn by none after it. G is crisp at any"
+            " zoom, and slower, and drawn as F while things move.",
+            Buttons("refine to"),
         ),
-    ] = FinestStep.F
+    ] = Step.F
     bare_buffer: Annotated[
         bool,
         Key(

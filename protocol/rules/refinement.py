@@ -32,12 +32,19 @@ STEP_RULES = {
 
 PAPER_STEPS = tuple(step for step, rule in STEP_RULES.items() if not rule.slabs)
 
+FINEST = "refine.finest"  # the key that changes no step's picture, only which ones are drawn
+
 GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
 
 
 def finest_step(scene: Scene) -> Step:
     """The one that refinement ends with if nobody names another."""
-    return Step(scene.refine.finest)
+    return scene.refine.finest
+
+
+def finest_moving_step(scene: Scene) -> Step:
+    """The finest that is drawn of a scene that moves."""
+    return min(finest_step(scene), PAPER_STEPS[-1])
 
 
 def finer(step: Step, finest: Step) -> Step | None:
@@ -88,15 +95,17 @@ def same_picture(scene: Scene, one: Step, other: Step) -> bool:
 
 
 def distinct_steps(scene: Scene) -> list[Step]:
-    """Those to draw for a person who watches: of steps with the same picture the last."""
-    alike = {step for step, following in pairwise(Step) if same_picture(scene, step, following)}
-    return [step for step in Step if step not in alike]
+    """Those to draw for a person who watches, up to the finest: of steps with the same picture the last."""
+    wanted = [step for step in Step if step <= finest_step(scene)]
+    alike = {step for step, following in pairwise(wanted) if same_picture(scene, step, following)}
+    return [step for step in wanted if step not in alike]
 
 
 def drawn_alike(scene: Scene, other: Scene) -> bool:
-    """Whether they have the same pictures up to the finest step, however they differ in what step G alone obeys."""
+    """Whether each step has the same picture of both: up to F, however they differ in what step G alone obeys."""
     slabs = STEP_RULES[finest_step(scene)].slabs
-    return all(key.of(scene) == key.of(other) for key in KEYS.values() if slabs or not key.told.slabs_alone)
+    told = (key for key in KEYS.values() if slabs or not key.told.slabs_alone)
+    return all(key.place == FINEST or key.of(scene) == key.of(other) for key in told)
 
 
 def _emits_nothing(scene: Scene) -> bool:

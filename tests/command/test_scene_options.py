@@ -21,7 +21,7 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import scene_from_toml, scene_toml
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.refinement_steps import FinestStep, PaperStep, Step
+from volsplat.protocol.description.refinement_steps import PaperStep, Step
 from volsplat.protocol.description.scene import Kernel, Quantise, Refine, Scene
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.meant import nearest
@@ -117,7 +117,7 @@ def test_the_page_is_lit_from_its_first_steps_unless_somebody_says_otherwise(
     assert refines().lit_from is refines(window="0,2000").lit_from is PaperStep.C
     assert refines("refine.lit_from=E").lit_from is PaperStep.E
     said = refines("refine.finest=G", "refine.bare_buffer=true", "refine.striding=true")
-    assert said == Refine(lit_from=PaperStep.C, finest=FinestStep.G, bare_buffer=True, striding=True)
+    assert said == Refine(lit_from=PaperStep.C, finest=Step.G, bare_buffer=True, striding=True)
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -27,7 +27,7 @@ class Other(NamedTuple):
 # What says which pictures are drawn, and not what is in them.
 NOT_IN_A_PICTURE = {
     "view.up": "the named views, and how the hand turns",
-    "refine.finest": "whether the page goes on to G",
+    "refine.finest": "which step the page ends with",
     "refine.bare_buffer": "what is shown until a step is finished",
     "refine.striding": "which steps the page draws",
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import queue
 from collections.abc import Iterator
 from itertools import pairwise
@@ -161,6 +162,7 @@ def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: 
 
     monkeypatch.setattr(drawing_loop, "REST_SECONDS", 2 * PATIENCE)
     drawn.model.change(to_g)
+    drawn.zoom_by(1.1, settled=True)
     while True:
         picture = drawn.next()
         assert picture.step <= Step.F and not picture.last
@@ -196,6 +198,47 @@ def test_of_steps_with_the_same_picture_only_the_last_is_drawn(
         same = same_picture(drawn.model.scene, before, step)
         assert np.array_equal(finished[before], finished[step]) == same
         assert ("the same picture" in step_title(drawn.model.scene, step)) == same
+
+
+def finest(drawn: Drawn, step: Step) -> list[Step]:
+    """Have the image refine to this step; the steps of all pictures up to the last, each once."""
+    drawn.model.change(
+        lambda scene: msgspec.structs.replace(scene, refine=msgspec.structs.replace(scene.refine, finest=step))
+    )
+    pictures = drawn.last()
+    whole = drawn.session.finish(drawn.model.scene, step).published.pixels
+    assert np.array_equal(pictures[-1].published.pixels, whole)
+    wanted = Progress(running=None, finished=step)
+    assert progress(pictures[-1], drawn.model.now, drawn.loop.pacing.moving.step) == wanted
+    return list(dict.fromkeys(picture.step for picture in pictures))
+
+
+def test_the_image_refines_to_the_step_that_is_asked_for_and_goes_on_from_there(drawn: Drawn) -> None:
+    assert finest(drawn, Step.B) == [Step.B], "what is finer is on the screen already"
+    drawn.zoom_by(1.1, settled=True)
+    assert [picture.step for picture in drawn.last() if picture.complete] == [Step.A, Step.B]
+    assert finest(drawn, Step.E) == [Step.C, Step.D, Step.E]
+    assert finest(drawn, Step.G) == [Step.F, Step.G]
+    assert finest(drawn, Step.F) == [Step.F]
+    assert finest(drawn, Step.A) == [Step.A]
+
+
+def test_what_is_coarser_than_asked_for_is_told_to_be_drawn(drawn: Drawn) -> None:
+    shown, state = drawn.loop.shown, drawn.model.now
+    assert shown is not None and shown.step is Step.F
+    refine = msgspec.structs.replace(state.scene.refine, finest=Step.C)
+    coarser = msgspec.structs.replace(state.scene, refine=refine)
+    wanted = Progress(running=Step.C, finished=None)
+    assert progress(shown, dataclasses.replace(state, scene=coarser), Step.F) == wanted
+
+
+@pytest.mark.parametrize("step", Step)
+def test_what_moves_is_drawn_no_finer_than_asked_for(drawn: Drawn, step: Step) -> None:
+    finest(drawn, step)
+    for _ in range(3):
+        drawn.zoom_by(1.01, settled=False)
+        moving = drawn.next()
+        assert moving.step <= min(step, Step.F) and (moving.step == step or step not in (Step.D, Step.E, Step.F))
 
 
 def test_the_words_of_steps_tell_where_light_joins(drawn: Drawn) -> None:

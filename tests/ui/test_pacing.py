@@ -25,7 +25,7 @@ from volsplat.client.ui.viewing.pacing import (
     ladder,
 )
 from volsplat.protocol.description.refinement_steps import Step
-from volsplat.protocol.description.scene import Kernel, Reconstruction
+from volsplat.protocol.description.scene import Kernel, Reconstruction, Refine
 from volsplat.protocol.rules.footprint_shape import kernel_radius
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
 from volsplat.protocol.rules.refinement import PAPER_STEPS
@@ -70,6 +70,23 @@ def test_all_but_the_whole_image_leave_out_what_almost_opaque_pixels_hide() -> N
     assert WHOLE.left_out == ALL_VOXELS  # it may stay
     for rung in RUNGS[:-1]:
         assert rung.left_out == rung.thinning._replace(frozen_alpha=ALMOST_OPAQUE)
+
+
+@pytest.mark.parametrize("finest", [Step.D, Step.E, Step.F, Step.G])
+def test_steps_with_footprints_have_the_same_ladder(finest: Step) -> None:
+    scene = msgspec.structs.replace(SCENE, refine=Refine(finest=finest))
+    assert ladder(scene) == [rung._replace(step=min(finest, Step.F)) for rung in RUNGS]
+
+
+@pytest.mark.parametrize("finest", [Step.A, Step.B, Step.C])
+def test_steps_without_footprints_are_drawn_whole_up_to_the_one_that_is_asked_for(finest: Step) -> None:
+    scene = msgspec.structs.replace(SCENE, refine=Refine(finest=finest))
+    assert ladder(scene) == [Rung(step) for step in Step if step <= finest]
+    pacing = Pacing()
+    assert pacing.while_moving(scene) == Rung(Step.A)
+    for n, step in enumerate(Step[s] for s in "ABC"):
+        pacing.measured(Rung(step), 0.01 * 2**n)
+    assert pacing.while_moving(scene) == Rung(min(finest, Step.B)), "C takes 40 ms"
 
 
 @pytest.mark.parametrize("kernel", Kernel)

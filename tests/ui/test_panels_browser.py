@@ -30,7 +30,7 @@ from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.controls.text_field import shown_number
 from volsplat.client.ui.panels.light_controls import screen_direction
-from volsplat.protocol.description.refinement_steps import FinestStep, Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Bounds, Kernel, Order, Scene
 from volsplat.protocol.description.scene_keys import KEYS, TABLE_WORDS
 from volsplat.protocol.description.shading_tables import Field
@@ -137,6 +137,10 @@ class Tab:
 
     def button(self, name: str, panel: str) -> Locator:
         return self.page.get_by_role("region", name=panel).get_by_role("button", name=name, exact=True)
+
+    def choice(self, name: str, of: str) -> Locator:
+        """A button of those that stand beside the words `of`."""
+        return self.page.locator(f'[aria-label="{of}"]').get_by_role("button", name=name, exact=True)
 
     def drag(self, from_: tuple[float, float], to: tuple[float, float]) -> None:
         self.page.mouse.move(*from_)
@@ -373,10 +377,10 @@ def test_the_order_is_chosen(tab: Tab, words: str, order: Order) -> None:
 def test_refinement_and_kernel_are_chosen(tab: Tab) -> None:
     from playwright.sync_api import expect
 
-    for words, finest in (("refine to G", FinestStep.G), ("refine to F", FinestStep.F)):
-        tab.button(words, "refinement").click()
+    for finest in (Step.B, Step.G, Step.F):
+        tab.choice(finest, "refine to").click()
         tab.becomes(lambda scene: scene.refine.finest, finest)
-    tab.button("C", "refinement").click()
+    tab.choice("C", "lit from step").click()
     tab.becomes(lambda scene: scene.refine.lit_from, Step.C)
     tab.page.get_by_role("switch", name="bare buffer").click()
     tab.becomes(lambda scene: scene.refine.bare_buffer, True)
@@ -600,7 +604,7 @@ def test_every_step_is_ticked_and_timed_once_the_image_is_finished(tab: Tab) -> 
 
 
 def test_at_rest_the_image_refines_to_g_if_that_is_asked_for(tab: Tab) -> None:
-    tab.button("refine to G", "refinement").click()
+    tab.choice("G", "refine to").click()
     tab.page.locator('.vs-step[data-step="G"].vs-done').wait_for()
     assert (
         " s)" in (title := tab.page.locator('.vs-step[data-step="G"]').get_attribute("title") or "") or "ms)" in title
@@ -617,8 +621,8 @@ def test_a_volume_of_labels_cannot_be_refined_to_g_and_says_why(browser_page: Pa
     write_volume(tmp_path / "labels.nrrd", labels, Geometry((8, 8, 8)))
     with served(tmp_path / "labels.nrrd") as (url, _):
         tab = Tab(browser_page, url).load()
-        assert tab.button("refine to F", "refinement").is_enabled()
-        to_g = tab.button("refine to G", "refinement")
+        assert tab.choice("F", "refine to").is_enabled()
+        to_g = tab.choice("G", "refine to")
         assert to_g.is_disabled()
         assert "labels.nrrd holds the whole numbers 0 to 4" in (to_g.get_attribute("title") or "")
 
@@ -651,7 +655,7 @@ def test_the_servers_panel_tells_who_did_what_and_nothing_while_closed(tab: Tab)
     assert "bottleneck: " in tab.page.locator(".vs-frame-said").inner_text()
     heads = tab.page.locator(".vs-servers-table").first.locator("th")
     assert "splat, ms" in heads.all_inner_texts()
-    tab.button("refine to G", "refinement").click()
+    tab.choice("G", "refine to").click()
     tab.page.get_by_text("last frame: step G").wait_for()
     stages = ["adding", "densities", "shading", "compositing", "publishing"]
     columns = [heads.all_inner_texts().index(f"{stage}, ms") for stage in stages]

@@ -18,7 +18,7 @@ from volsplat.client.ui.panels.cross_bar import cross_bar
 from volsplat.client.ui.panels.light_controls import light_controls
 from volsplat.client.ui.panels.view_controls import center_fields, move_buttons, side_buttons, up_menu
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.refinement_steps import FinestStep, Step
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene_key import PartOf, Switch
 from volsplat.protocol.description.scene_keys import KEYS, SceneKey
 
@@ -106,5 +106,5 @@ def _refused(key: SceneKey, viewing: Viewing) -> dict[Any, str]:
     """The values of which the volume has no picture, and why."""
     if key.place != "refine.finest":
         return {}
-    whys = {finest: viewing.volume.why_without(Step(finest)) for finest in FinestStep}
-    return {finest: why for finest, why in whys.items() if why}
+    whys = {step: viewing.volume.why_without(step) for step in Step}
+    return {step: why for step, why in whys.items() if why}

@@ -23,7 +23,15 @@ from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.refinement_steps import Step
-from volsplat.protocol.rules.refinement import PAPER_STEPS, distinct_steps, drawn_alike, finer, finest_step
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.rules.refinement import (
+    PAPER_STEPS,
+    distinct_steps,
+    drawn_alike,
+    finer,
+    finest_moving_step,
+    finest_step,
+)
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
@@ -210,12 +218,7 @@ class DrawingLoop:
         )
 
     def _refine(self, state: SceneState, turn: DrawingTurn, urgency: Urgency) -> None:
-        shown, finest = self._shown, finest_step(state.scene)
-        first: Step | None = Step.A
-        if shown is not None and drawn_alike(shown.state.scene, state.scene):
-            first = finer(shown.step, finest) if shown.whole else shown.step
-            if first is None and not shown.published.exact:  # it was only looked at
-                first = shown.step
+        shown, finest, first = self._shown, finest_step(state.scene), self._first_to_draw(state.scene)
         if first is None:
             assert shown is not None
             self._publish(state, Refinement(shown.step, shown.published, shown.outcome))
@@ -223,10 +226,21 @@ class DrawingLoop:
         rests_at = time.monotonic() + REST_SECONDS
         if first in PAPER_STEPS:
             with turn.taken(urgency, self._lost_at):
-                self._refine_from(first, min(finest, PAPER_STEPS[-1]), state, turn)
+                self._refine_from(first, finest_moving_step(state.scene), state, turn)
         if finest not in PAPER_STEPS and self._rests_until(rests_at):
             with turn.taken(Urgency.AT_REST if first in PAPER_STEPS else urgency, self._lost_at):
                 self._refine_from(finest, finest, state, turn)
+
+    def _first_to_draw(self, scene: Scene) -> Step | None:
+        """None if what is shown is the scene's last picture."""
+        shown, finest = self._shown, finest_step(scene)
+        if shown is None or not drawn_alike(shown.state.scene, scene):
+            return Step.A
+        if shown.step > finest:  # was asked for before
+            return finest
+        if shown.step == finest and shown.whole and not shown.published.exact:  # it was only looked at
+            return finest
+        return finer(shown.step, finest) if shown.whole else shown.step
 
     def _rests_until(self, moment: float) -> bool:
         """Whether nothing has changed by then."""

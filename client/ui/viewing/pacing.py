@@ -1,11 +1,12 @@
 """What to draw while things move: the best picture that holds the wanted rate, from measured times.
 
-Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
+Best is the finest of the paper's steps that the scene asks for, in as large an image as can be: in half the width and
 height it is more like the finished picture than a coarser step of the whole size. Where that takes too long, voxels are
 left out: first every other sheet, one behind the other as they lie, then rows as well, in an ever smaller image, whose
 footprints take fewer pixels. All but the whole image leave out what almost opaque pixels hide, and cut the kernel
 nearer, which is cheaper and blurs less. So the ladder rises by what was measured to be like the finished picture, and
-costs rise with it (docs/notes/performance_log.md); what costs as much as something more alike is not on it.
+costs rise with it (docs/notes/performance_log.md); what costs as much as something more alike is not on it. Steps
+without footprints are drawn as they are.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Kernel, Scene
 from volsplat.protocol.rules.footprint_shape import kernel_radius
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
-from volsplat.protocol.rules.refinement import PAPER_STEPS
+from volsplat.protocol.rules.refinement import PAPER_STEPS, STEP_RULES, finest_moving_step
 
 INTERVAL = 1 / 30.0  # seconds between two images while they move
 SMALLER = (0.25, 0.375, 0.5, 0.75)  # images, as shares of the width and of the height
@@ -66,7 +67,9 @@ class Rung(NamedTuple):
 
 def ladder(scene: Scene) -> list[Rung]:
     """All ways to draw a moving scene, the best one last."""
-    finest, side = PAPER_STEPS[-1], min(scene.image.width, scene.image.height)
+    finest, side = finest_moving_step(scene), min(scene.image.width, scene.image.height)
+    if not STEP_RULES[finest].footprint:  # each is far cheaper than the next
+        return [Rung(step) for step in PAPER_STEPS if step <= finest]
     shares = [*(share for share in SMALLER if share * side >= LEAST_SIDE), 1.0]
     smallest = next((share for share in SMALLER if share * side >= LEAST_THINNED_SIDE), 1.0)
     thinned = [Rung(finest, smallest, thinning) for thinning in FEWEST]

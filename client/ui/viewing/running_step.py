@@ -22,12 +22,14 @@ def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> 
     """How far the refinement of `state` is, by the newest picture. `while_moving` is drawn of a scene not settled."""
     if picture is None or not drawn_alike(picture.state.scene, state.scene):
         return Progress(running=Step.A if state.settled else while_moving, finished=None)
-    steps = distinct_steps(state.scene)
+    steps, finest = distinct_steps(state.scene), finest_step(state.scene)
+    if state.settled and picture.step > finest:  # was asked for before
+        return Progress(running=finest, finished=None)
     if not picture.complete or (state.settled and not picture.whole):
         return Progress(
             running=picture.step, finished=max((step for step in steps if step < picture.step), default=None)
         )
     if not state.settled:
         return Progress(running=None, finished=picture.step)
-    to_come = (step for step in steps if picture.step < step <= finest_step(state.scene))
+    to_come = (step for step in steps if picture.step < step)
     return Progress(running=min(to_come, default=None), finished=picture.step)

@@ -15,7 +15,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.tables.scene_tables import with_table
-from volsplat.protocol.description.refinement_steps import FinestStep
+from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.shading_tables import ScalarTable
 from volsplat.protocol.description.volume import Geometry
 
@@ -83,7 +83,7 @@ def test_steps_and_tables_lie_beside_the_viewport(browser_page: Page, session: S
         assert page.locator(".vs-table").count() == 4
         page.get_by_role("button", name="refine to G").click()
         cell.until(lambda: finished.count() == 7)
-        assert cell.widget.scene.refine.finest is FinestStep.G
+        assert cell.widget.scene.refine.finest is Step.G
 
         point, before = page.locator(OPACITY).get_by_role("slider").last, cell.widget.scene.tables.opac
         value = float(point.get_attribute("aria-valuenow") or "nan")
