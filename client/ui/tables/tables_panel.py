@@ -30,6 +30,7 @@ from volsplat.client.ui.tables.table_edits import (
 )
 from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
 from volsplat.client.ui.tables.table_shift import TableShift, by_density
+from volsplat.client.ui.viewing.known_pushes import KnownPushes
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState, but_for_view
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -47,19 +48,19 @@ replace = msgspec.structs.replace
 
 def tables_panel(viewing: Viewing) -> None:
     """The panel, within the page of one tab."""
-    TablesPanel(viewing.model, viewing.volume, viewing.default_scene)
+    TablesPanel(viewing.model, viewing.volume, viewing.default_scene, viewing.pushes)
 
 
 class TablesPanel:
     """The four tables of one tab, in step with the scene."""
 
-    def __init__(self, model: SceneModel, volume: SurveyedVolume, default_scene: Scene) -> None:
+    def __init__(self, model: SceneModel, volume: SurveyedVolume, default_scene: Scene, pushes: KnownPushes) -> None:
         ui.add_css(STYLE)
         self._model = model
         self._tab = context.client.id
         self._volume = volume
         self._presets = OfferedPresets(volume, default_scene)
-        self._table_shift = TableShift()
+        self._table_shift = TableShift(pushes)
         self._fields = IndexedFields(volume)
         self._followed: Scene | None = None  # but for its view, which moves most and which no table shows
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):

@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 from volsplat.client.session.session import Session
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import ImageSize
+from volsplat.client.ui.viewing.known_pushes import KnownPushes
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.ui.viewing.trouble import OVER, Trouble
@@ -102,6 +103,7 @@ class Viewing:
     troubles: Troubles
     cure: str  # what a person may do once the session has ended
     image_size: ImageSize = field(default_factory=ImageSize)
+    pushes: KnownPushes = field(default_factory=KnownPushes)
     number: int = 1  # of the volumes that were shown, one after the other
     jobs: int = 0  # that need the session for long, as movies do
     _on_left: list[Callable[[], None]] = field(default_factory=list)

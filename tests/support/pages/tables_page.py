@@ -22,6 +22,7 @@ from starlette.staticfiles import StaticFiles
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.tables.tables_panel import TablesPanel
+from volsplat.client.ui.viewing.known_pushes import KnownPushes
 from volsplat.client.ui.viewing.scene_model import SceneModel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
@@ -68,13 +69,18 @@ class State(msgspec.Struct):
 
 def application() -> FastAPI:
     models: list[SceneModel] = []
+    pushes: list[KnownPushes] = []
+
+    def begin() -> None:
+        models.append(SceneModel(SCENE))
+        pushes.append(KnownPushes())
 
     async def state() -> Response:
         now = models[-1].now
         return Response(msgspec.json.encode(State(now.scene, now.settled)))
 
     def panel() -> None:
-        TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.subject()))
+        TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.subject()), pushes[-1])
 
     def page() -> None:
         for style in ("theme.css", "page.css"):
@@ -83,7 +89,7 @@ def application() -> FastAPI:
             panel()
 
         def begin_anew() -> None:
-            models.append(SceneModel(SCENE))
+            begin()
             place.clear()  # what the old panel still has to say is for nobody
             with place:
                 panel()
@@ -94,7 +100,7 @@ def application() -> FastAPI:
             begun = ui.label(str(len(models))).props('data-begun=""')
 
     def anew() -> None:
-        models.append(SceneModel(SCENE))
+        begin()
         page()
 
     served = FastAPI()

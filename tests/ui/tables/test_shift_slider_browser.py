@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -100,11 +102,65 @@ def test_what_is_pushed_off_the_axis_comes_back_while_it_is_held(tab: Tab) -> No
     assert near(back.tables, SCENE.tables, ONE_PIXEL)
 
 
-def test_what_one_push_takes_off_the_axis_another_brings_back(tab: Tab) -> None:
+@contextmanager
+def where(tab: Tab, then: str) -> Iterator[Tab]:
+    """The tab in which the hand is next."""
+    if then == "in the same tab":
+        yield tab
+    elif then == "after a reload":
+        yield tab.load()
+    else:
+        other = Tab(tab.page.context.new_page(), tab.url).load()
+        yield other
+        close_tab(other.page)
+
+
+@pytest.mark.parametrize("then", ["in the same tab", "after a reload", "in another tab"])
+def test_what_one_push_takes_off_the_axis_another_brings_back(tab: Tab, then: str) -> None:
     hold(tab, 0.5)
     tab.page.mouse.up()
     tab.settles(lambda scene: first_point(scene) > 0.6)
     until(tab.page, lambda: told(tab) == 0)
+    with where(tab, then) as other:
+        hold(other, -0.5)
+        other.page.mouse.up()
+        back = other.settles(lambda scene: first_point(scene) < 0.3)
+    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+
+
+def test_a_push_goes_on_in_another_tab_from_where_undo_and_redo_have_led(tab: Tab) -> None:
+    def button(name: str) -> Locator:
+        return tab.page.locator(".vs-tables-head").get_by_label(name, exact=True)
+
+    def push() -> Scene:
+        before = first_point(tab.scene)
+        hold(tab, 0.3)
+        tab.page.mouse.up()
+        pushed = tab.settles(lambda scene: first_point(scene) > before + 0.2)
+        until(tab.page, lambda: told(tab) == 0)
+        return pushed
+
+    push()
+    pushed = push()
+    button("undo").click()
+    once = tab.settles(lambda scene: scene != pushed)
+    button("redo").click()
+    tab.settles(lambda scene: scene == pushed)
+    button("undo").click()
+    tab.settles(lambda scene: scene == once)
+    with where(tab, "in another tab") as other:
+        hold(other, -0.3)
+        other.page.mouse.up()
+        back = other.settles(lambda scene: first_point(scene) < 0.3)
+    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+
+
+def test_what_a_push_has_cut_off_that_a_reload_ended_comes_back(tab: Tab) -> None:
+    hold(tab, 0.5)
+    tab.waits_for(lambda scene: first_point(scene) > 0.6)
+    tab.load()
+    tab.settles(lambda scene: first_point(scene) > 0.6)
+    tab.page.mouse.up()
     hold(tab, -0.5)
     tab.page.mouse.up()
     back = tab.settles(lambda scene: first_point(scene) < 0.3)
