@@ -8,6 +8,7 @@ import math
 import statistics
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -41,8 +42,8 @@ _PICTURE = """() => {
 _ROTATION = "() => window.volsplatViewport.view.rotation"
 _NOTES = """() => ({
     sent: window.volsplatViewport.sent.map(({ event, at }) => [event, at]),
-    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height, one_in }) =>
-        [number, event, shownAt, step, width, height, one_in]),
+    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height, one_in, view }) =>
+        [number, event, shownAt, step, width, height, one_in, view.rotation, view.center, view.zoom / width]),
 })"""
 _FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
 # Width, height, and the bytes of red, green, blue and alpha.
@@ -89,6 +90,9 @@ class ShownPicture(NamedTuple):
     width: int
     height: int
     one_in: int  # of so many voxels one was drawn
+    rotation: Sequence[float]
+    center: Sequence[float]
+    zoom: float  # of an image as wide as 1
 
     @property
     def way(self) -> str:
@@ -160,7 +164,7 @@ def show_in(tab: ChromiumTab, side: int) -> None:
 def dragged(tab: ChromiumTab, moves: int) -> Drag:
     """Turn the volume with the pointer, evenly, and read what the page noted.
 
-    Raises VolsplatError if what was pressed did something else.
+    Raises VolsplatError if what was pressed did something else, or nothing is seen.
     """
     middle_x, middle_y, radius = tab.evaluate(_PICTURE)
     begin = _bare_place(tab, middle_x, middle_y, radius)
@@ -183,11 +187,28 @@ def dragged(tab: ChromiumTab, moves: int) -> Drag:
     seen = tab.evaluate(_SEEN_AT_THE_END, _LAST_PICTURE_MILLISECONDS)
     if seen is None:
         raise VolsplatError("the page did not show where the pointer came to an end")
-    noted = tab.evaluate(_NOTES)
+    noted, turned = tab.evaluate(_NOTES), tab.evaluate(_ROTATION)
     tab.point("mouseReleased", *place(moves + 1))
     tab.wait_for(REFINED)
-    likeness = ssim(_luminance(*seen), _luminance(*tab.evaluate(_SEEN)))
-    return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
+    moving, finished = _luminance(*seen), _luminance(*tab.evaluate(_SEEN))
+    drag = Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], ssim(moving, finished))
+    check_turned(drag.shown, turned)
+    if moving.min() == moving.max():
+        raise VolsplatError("nothing is seen of the volume that was to be turned")
+    return drag
+
+
+def check_turned(shown: Sequence[ShownPicture], turned: Sequence[float]) -> None:
+    """Raises VolsplatError unless each picture turns the volume, and does nothing else, up to where it was `turned`."""
+    first, last = shown[0], shown[-1]
+    still = any(
+        later.event > earlier.event and later.rotation == earlier.rotation
+        for earlier, later in zip(shown, shown[1:], strict=False)
+    )
+    if still or list(last.rotation) != list(turned):
+        raise VolsplatError("pictures were shown that do not follow the pointer, which was to turn the volume")
+    if any(one.center != first.center or not math.isclose(one.zoom, first.zoom) for one in shown):
+        raise VolsplatError("the pointer that was to turn the volume moved or zoomed it as well")
 
 
 def _luminance(width: int, height: int, text: str) -> Tensor:

@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from support.files.images import read_image
+from support.pages.browser import chromium_executable
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
@@ -211,6 +212,19 @@ def test_images_are_weighed(person: Person) -> None:
     found, _, _ = measured(person, "images", *PHANTOM, "--images", "3", "--image", "100")
     size = {one.name: one.median for one in found.figures if one.unit == "B"}
     assert 0 < size["8 bits: bytes"] < size["exact: bytes"] < 100 * 100 * 16
+
+
+def test_the_page_s_pictures_are_timed_and_told_by_step_and_size(person: Person) -> None:
+    chromium_executable()
+    found, markdown, _ = measured(person, "page", "--phantom", "shells:24", "--moves", "30")
+    ways = re.findall(r"([A-G]) in (\d+) x (\d+)(?: with 1 of \d+ voxels)? (\d+)%", found.facts["drawn as"])
+    assert all(step == "F" and width == height and int(width) <= 512 for step, width, height, _ in ways)
+    assert sum(int(share) for *_, share in ways) == pytest.approx(100, abs=len(ways))
+    assert found.facts["stale images"] == "0" and "512 x 512 pixels, 30 moves" in markdown
+    median = {one.name: one.median for one in found.figures}
+    assert 0 < median["event to canvas"] <= median["event to canvas: 95 %"]
+    assert 0 < median["start: first picture"] <= median["start: first that can be turned"]
+    assert 0.5 < median["likeness"] <= 1.0 and median["images a second"] > 0
 
 
 def test_sizes_of_a_cluster_come_into_one_file(person: Person) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import time
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,11 +25,12 @@ from support.pages.tables_tab import box, until
 from support.pages.viewed import Viewed, viewed
 from support.patience import PATIENCE, wait_until
 from support.programs.server_processes import is_server
-from volsplat.bench.page_drag import REFINED, Drag, dragged, show_in
+from volsplat.bench.page_drag import REFINED, Drag, ShownPicture, check_turned, dragged, show_in
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.ui.viewport.under_way import LEAST, MOST
+from volsplat.protocol.text.errors import VolsplatError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
@@ -292,6 +295,38 @@ def test_through_a_slow_line_nothing_stale_is_shown_and_no_more_than_is_under_wa
     # What a line is too slow for is left out, and never queued: only a queue could grow, and would come late.
     last, rests = moves.sent[-1]
     assert len({picture.event for picture in moves.shown if picture.at > rests and picture.event < last}) <= MOST
+
+
+def test_a_hand_that_turns_nothing_is_no_measurement(volume: Path) -> None:
+    with (
+        viewed(volume.parent, volume, "--set", "tables.opac.points=[[0.0,0.0],[1.0,0.0]]") as view,
+        under_a_hand(view.url) as tab,
+        pytest.raises(VolsplatError, match="nothing is seen"),
+    ):
+        dragged(tab, 10)
+
+
+def shown(event: int, angle: float, *, zoom: float = 1.0, center: float = 0.0) -> ShownPicture:
+    """A picture that contains an event, of a volume that is turned about i."""
+    rotation = [math.cos(angle), math.sin(angle), 0.0, 0.0]
+    return ShownPicture(event, event, 16.0 * event, "F", 512, 512, 1, rotation, [center, 0.0, 0.0], zoom)
+
+
+@pytest.mark.parametrize(
+    ("second", "cause"),
+    [
+        (shown(2, 0.1), "do not follow"),
+        (shown(2, 0.2, zoom=1.1), "zoomed"),
+        (shown(2, 0.2, center=3.0), "moved"),
+        (shown(2, 0.2), ""),
+    ],
+)
+def test_each_picture_of_a_drag_must_turn_the_volume_and_do_nothing_else(second: ShownPicture, cause: str) -> None:
+    turned = shown(4, 0.4)
+    with nullcontext() if not cause else pytest.raises(VolsplatError, match=cause):
+        check_turned([shown(1, 0.1), second, shown(2, 0.2), shown(4, 0.4)], turned.rotation)
+    with pytest.raises(VolsplatError, match="do not follow"):
+        check_turned([shown(1, 0.1), shown(2, 0.2)], turned.rotation)
 
 
 def test_on_a_far_line_more_than_two_pictures_are_under_way_and_none_is_stale(view: Viewed) -> None:

@@ -84,7 +84,7 @@ export class Viewport {
     /**
      * Pictures that were drawn, newest last.
      * @type {{number: number, revision: number, event: number, step: string, one_in: number, last: boolean, width: number, height: number,
-     *   shownAt: number}[]}
+     *   view: View, shownAt: number}[]}
      */
     this.log = [];
     this.steering = new Steering((view, settled, at) => this.#onSteered(view, settled, at));
@@ -300,8 +300,8 @@ export class Viewport {
   #onDrawn(header) {
     if (header.revision !== this.#picture?.revision) this.#marks?.value.clear();
     this.#picture = header;
-    const { number, revision, event, step, one_in, last, width, height } = header;
-    remember(this.log, { number, revision, event, step, one_in, last, width, height, shownAt: performance.now() });
+    const { number, revision, event, step, one_in, last, width, height, view } = header;
+    remember(this.log, { number, revision, event, step, one_in, last, width, height, view, shownAt: performance.now() });
     this.#contained = Math.max(this.#contained, header.event);
     this.#takeOver();
     this.#place();
