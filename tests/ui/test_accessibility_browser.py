@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
 
 from support.pages.browser import browser
 from support.pages.page_tab import page
@@ -14,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["browser", "page"]
 
 MOST_TABS = 10
+MOST_STOPS = 400  # of Tab, by far
 TO_THE_BEGINNING = """() => {
     document.body.tabIndex = -1;
     document.body.focus();
@@ -29,6 +33,7 @@ OPERATED = {
     "link",
     "checkbox",
     "application",
+    "separator",
     "ColorWell",
 }
 
@@ -43,16 +48,30 @@ class Node(NamedTuple):
 def tree(page: Page) -> list[Node]:
     """All that a screen reader is told of."""
     told = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]
-    return [
-        Node(
-            node["role"]["value"],
-            node.get("name", {}).get("value", ""),
-            node.get("value", {}).get("value"),
-            {one["name"]: one["value"].get("value") for one in node.get("properties", [])},
-        )
-        for node in told
-        if not node.get("ignored")
-    ]
+    return [node_of(node) for node in told if not node.get("ignored")]
+
+
+def node_of(told: dict[str, Any]) -> Node:
+    return Node(
+        told["role"]["value"],
+        told.get("name", {}).get("value", ""),
+        told.get("value", {}).get("value"),
+        {one["name"]: one["value"].get("value") for one in told.get("properties", [])},
+    )
+
+
+def stops(page: Page) -> Iterator[Node]:
+    """What Tab reaches, once through the whole page."""
+    session = page.context.new_cdp_session(page)
+    page.evaluate(TO_THE_BEGINNING)
+    for _ in range(MOST_STOPS):
+        page.keyboard.press("Tab")
+        if page.evaluate("() => document.activeElement === document.body"):
+            return
+        focused = session.send("Runtime.evaluate", {"expression": "document.activeElement"})["result"]["objectId"]
+        told = session.send("Accessibility.getPartialAXTree", {"objectId": focused, "fetchRelatives": False})
+        yield node_of(told["nodes"][0])
+    raise AssertionError("Tab never comes to the page's end")
 
 
 def test_the_page_has_a_language_one_main_and_headings(page: Page) -> None:
@@ -72,12 +91,36 @@ def test_whatever_can_be_operated_has_a_name_and_sliders_have_values(page: Page)
     assert len(operated) > 100
     assert [node for node in operated if not node.name] == []
     sliders = [node for node in operated if node.role == "slider"]
-    assert {"specular power", "bounds on i", "Opacity, point 1 of 5", "axial slice across k"} <= {
+    assert {"specular power", "bounds on i, lowest", "Opacity, point 1 of 5", "axial slice across k"} <= {
         node.name for node in sliders
     }
     for slider in sliders:
         assert slider.value is not None and slider.properties["valuemin"] < slider.properties["valuemax"]
     page.keyboard.press("s")
+
+
+# What a slider says in words, and what is shown beside it if it has a row.
+SHOWN = """() => {
+    const slider = document.activeElement;
+    const row = slider.closest(".vs-row");
+    const shown = [...(row?.querySelectorAll("input:not([type=range]), .vs-number, output") ?? [])];
+    return [slider.getAttribute("aria-valuetext"), shown.map((one) => one.value || one.textContent)];
+}"""
+
+
+def test_whatever_tab_reaches_says_what_it_is_and_sliders_where_they_stand(page: Page) -> None:
+    wrong, count = [], 0
+    for node in stops(page):
+        count += 1
+        told = node.role in OPERATED and bool(node.name)
+        if node.role == "slider":
+            said, beside = page.evaluate(SHOWN)
+            told &= node.properties["valuemin"] <= node.value <= node.properties["valuemax"]
+            told &= bool(said) and (not beside or said.split()[0] in beside)
+            told &= not beside or node.value == pytest.approx(float(said.split()[0]))
+        if not told:
+            wrong.append(node)
+    assert not wrong and count > 100
 
 
 def test_arrows_go_through_a_menu_and_round_it(page: Page) -> None:

@@ -11,7 +11,7 @@ from nicegui import ui
 from volsplat.client.ui.controls.colour_swatch import ColourSwatch
 from volsplat.client.ui.controls.controls import TOGGLE_PROPS, SceneEditor, choose, pressable, show_pressed
 from volsplat.client.ui.controls.slider import Slider
-from volsplat.client.ui.controls.text_field import TextField, number_field
+from volsplat.client.ui.controls.text_field import TextField, number_field, shown_number
 from volsplat.protocol.description.colours import colour_from_hex, nearest_hex
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_key import Buttons, Menu, PartOf, Slide, Swatch, Switch
@@ -100,11 +100,14 @@ def _slide(editor: SceneEditor, key: SceneKey, slide: Slide) -> None:
         row_label(slide.label, slide.tip)
         Slider(
             editor,
-            slide.label,
+            [slide.label],
             (low, high),
             slide.step,
             lambda scene: round(min(high, max(low, _position(number(scene), slide))), digits),
             lambda scene, position: key.put(scene, _number_at(round(position, digits), slide)),
+            lambda scene: [shown_number(number(scene))],
+            logarithmic=slide.logarithmic,
+            unit=key.told.unit,
         )
         number_field(editor, f"{slide.label}, a number", number, key.put).classes("vs-short")
         for word in key.declared.words:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.hand_led import HandLed
@@ -12,27 +12,34 @@ from volsplat.protocol.description.scene import Scene
 
 
 class Slider(HandLed, component="slider_component.js", esm=MODULES):
-    """A slider for a number, or a range for {"min", "max"}; what it changes settles when it is let go.
+    """A slider for a number, or with two names a range for {"min", "max"}; what it changes settles when it is let go.
 
-    `get` gives its position in a scene; `put` makes a scene of it, and must take any position.
+    `get` gives its position in a scene; `put` makes a scene of it, and must take any position. `shown` gives what the
+    page shows beside it, a number for each name, in the unit: that is what screen readers are told. On a logarithmic
+    scale a position is the logarithm of such a number to the base 10.
     """
 
     def __init__(
         self,
         editor: SceneEditor,
-        name: str,
+        names: Sequence[str],
         span: tuple[float, float],
         step: float,
         get: Callable[[Scene], Any],
         put: Callable[[Scene, Any], Scene],
-        tag: Literal["q-slider", "q-range"] = "q-slider",
+        shown: Callable[[Scene], Sequence[str]],
+        *,
+        logarithmic: bool = False,
+        unit: str = "",
     ) -> None:
-        super().__init__(get(editor.scene), self._slid)
-        self.props.update({"tag": tag, "name": name, "min": span[0], "max": span[1], "step": step})
         self._editor = editor
         self._get = get
         self._put = put
+        self._shown = shown
         self._held = False
+        super().__init__(self._told(editor.scene), self._slid)
+        self.props.update({"names": list(names), "min": span[0], "max": span[1], "step": step})
+        self.props.update({"logarithmic": logarithmic, "unit": unit})
         editor.follow(self._show)
 
     def _slid(self, position: Any, settled: bool) -> None:
@@ -44,4 +51,7 @@ class Slider(HandLed, component="slider_component.js", esm=MODULES):
 
     def _show(self, scene: Scene) -> None:
         if not self._held:
-            self.tell(self._get(scene))
+            self.tell(self._told(scene))
+
+    def _told(self, scene: Scene) -> dict[str, Any]:
+        return {"position": self._get(scene), "texts": list(self._shown(scene))}

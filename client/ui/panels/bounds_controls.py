@@ -52,12 +52,12 @@ def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str
         ).props(f'prefix="{letter}"')
         Slider(
             editor,
-            f"bounds on {letter}",
+            [f"bounds on {letter}, lowest", f"bounds on {letter}, end"],
             (0, end),
             1,
             lambda scene: {"min": get(scene, 0), "max": get(scene, 1)},
             slid,
-            "q-range",
+            lambda scene: [str(get(scene, side)) for side in (0, 1)],
         )
         whole_number_field(
             editor,

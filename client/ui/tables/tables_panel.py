@@ -94,11 +94,13 @@ class TablesPanel:
             ui.label("log").classes("vs-muted").tooltip("the slider’s scale is logarithmic: fog needs the small ones")
             self._slider = Slider(
                 SceneEditor(self._model, self._volume.description.geometry, "opacities"),
-                "greatest opacity",
+                ["greatest opacity"],
                 (math.log10(LEAST_OPACITY), 0.0),
                 0.01,
                 lambda scene: round(math.log10(max(_greatest_opacity(scene), LEAST_OPACITY)), 2),
                 _with_opacities,
+                lambda scene: [_shown_opacity(scene)],
+                logarithmic=True,
             )
             self._slider.tooltip("scales the opacity table, or the opacities of all patches: the greatest value")
             self._greatest = ui.label().classes("vs-number")
@@ -247,9 +249,8 @@ class TablesPanel:
         self._undo.set_enabled(self._model.can_undo)
         self._redo.set_enabled(self._model.can_redo)
         scene = self._model.scene
-        greatest = _greatest_opacity(scene)
-        self._greatest.set_text(f"{greatest:.3g}")
-        self._slider.props.set_bool("disable", greatest == 0)
+        self._greatest.set_text(_shown_opacity(scene))
+        self._slider.props.set_bool("disable", _greatest_opacity(scene) == 0)
         low, high = self._volume.quantisation(scene.quantise).window
         self._shift_slider.show(high - low, bool(by_density(scene)) and not scene.plane.patches)
 
@@ -257,6 +258,10 @@ class TablesPanel:
 def _greatest_opacity(scene: Scene) -> float:
     """Of the opacity table, or of any patch."""
     return max((patch.opacity for patch in scene.plane.patches), default=scene.tables.opac.greatest)
+
+
+def _shown_opacity(scene: Scene) -> str:
+    return f"{_greatest_opacity(scene):.3g}"
 
 
 def _with_opacities(scene: Scene, logarithm: float) -> Scene:

@@ -132,7 +132,7 @@ def test_a_whole_preset_keeps_the_view_and_the_picture(tab: Tab) -> None:
 
 
 def test_all_opacities_follow_one_slider(tab: Tab) -> None:
-    tab.page.get_by_label("greatest opacity").locator("[tabindex]").focus()
+    tab.page.get_by_role("slider", name="greatest opacity").focus()
     for _ in range(10):
         tab.page.keyboard.press("ArrowLeft")
     points = tab.settles(lambda scene: scene.tables.opac.greatest == 0.398).tables.opac.points
@@ -144,7 +144,7 @@ def test_all_opacities_follow_one_slider(tab: Tab) -> None:
 def test_a_slider_does_not_jump_back_where_the_server_answers_late(browser_page: Page, url: str) -> None:
     answers = HeldAnswers(browser_page)
     tab = Tab(browser_page, url).load("/anew")
-    tab.page.get_by_label("greatest opacity").locator("[tabindex]").focus()
+    tab.page.get_by_role("slider", name="greatest opacity").focus()
     answers.press_ahead("ArrowLeft", lambda: tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.490))
     tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.457)
 

@@ -26,7 +26,7 @@ export class PatchPlot {
     this.axes = { across: { field: "", label: "", low: 0, high: 1, unit: "" }, up: { field: "", label: "", low: 0, high: 1, unit: "" } };
     parent.insertAdjacentHTML("beforeend", `
       <div class="vs-plane-plot"><canvas aria-hidden="true"></canvas>
-        <svg role="group" aria-label="patches over density and gradient strength">
+        <svg role="group" aria-label="patches over density and gradient strength" tabindex="-1">
           <rect data-part="frame"></rect><g data-part="axes"></g><g data-part="patches"></g><g data-part="handles"></g>
           <circle data-part="told" display="none"></circle>
         </svg></div>`);

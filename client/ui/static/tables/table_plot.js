@@ -44,7 +44,8 @@ export class TablePlot {
     /** @type {Values | null} */
     this.told = null;
     this.gradient = gradientOf(name);
-    this.svg = element("svg", { class: "vs-table-plot" });
+    // Chromium takes whatever SVG listens to the focus for a stop of Tab.
+    this.svg = element("svg", { class: "vs-table-plot", role: "group", "aria-label": `${name}, drawn`, tabindex: -1 });
     this.svg.innerHTML = `
       <defs><linearGradient id="${this.gradient}"></linearGradient></defs>
       <g data-part="grid"></g><path data-part="histogram"></path><g data-part="axis"></g>
