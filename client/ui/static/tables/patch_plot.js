@@ -26,7 +26,7 @@ export class PatchPlot {
     this.axes = { across: { field: "", label: "", low: 0, high: 1, unit: "" }, up: { field: "", label: "", low: 0, high: 1, unit: "" } };
     parent.insertAdjacentHTML("beforeend", `
       <div class="vs-plane-plot"><canvas aria-hidden="true"></canvas>
-        <svg role="group" aria-label="patches over density and gradient strength" tabindex="-1">
+        <svg role="group" tabindex="-1">
           <rect data-part="frame"></rect><g data-part="axes"></g><g data-part="patches"></g><g data-part="handles"></g>
           <circle data-part="told" display="none"></circle>
         </svg></div>`);
@@ -117,6 +117,7 @@ export class PatchPlot {
   _drawAxes() {
     const px = this.scale;
     const { across, up } = this.axes;
+    this.svg.setAttribute("aria-label", `patches over ${across.label} and ${up.label}`);
     const [left, right, bottom, top] = [this._x(0), this._x(1), this._y(0), this._y(1)];
     const text = (/** @type {number} */ x, /** @type {number} */ y, /** @type {string} */ anchor, /** @type {string} */ said, more = "") =>
       `<text x="${x}" y="${y}" text-anchor="${anchor}"${more}>${escaped(said)}</text>`;
