@@ -22,6 +22,7 @@ from volsplat.client.ui.panels.frame_timeline import (
     timeline_svg,
 )
 from volsplat.client.ui.panels.links_table import links_table, losses_words
+from volsplat.client.ui.panels.servers_summary import ServersSummary
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -60,7 +61,7 @@ class ServersPanel:
         with ui.expansion().classes("vs-servers").props("dense dense-toggle aria-label=Servers") as self._expansion:
             with self._expansion.add_slot("header"), ui.element("div").classes("vs-servers-head"):
                 ui.label("Servers")
-                self._summary = ui.label().classes("vs-muted")
+                self._summary = ServersSummary(self._viewing).classes("vs-muted")
             self._table = ui.html(sanitize=False).classes("vs-servers-table")
             self._losses = ui.label().classes("vs-losses")
             self._links = ui.html(sanitize=False).classes("vs-servers-table vs-links-table")
@@ -72,18 +73,12 @@ class ServersPanel:
     def _note(self, picture: Picture) -> None:
         if picture.outcome is not None:
             self._finished = picture, picture.outcome
-        if picture.last:  # not with every picture: the page is rendered anew
-            self._summarise()
+        self._summary.note(picture)
         self._ask()
 
     def _hear(self) -> None:
-        self._summarise()
+        self._summary.tell()
         self._ask()
-
-    def _summarise(self) -> None:
-        if self._finished is not None:
-            _, outcome = self._finished
-            self._summary.set_text(summary_words(self._viewing.session.servers, outcome))
 
     def _ask(self) -> None:
         if self._expansion.value:
@@ -102,14 +97,6 @@ class ServersPanel:
             names = {server.id: server_name(server) for server in servers}
             self._timeline.set_content(timeline_svg(lanes_of(outcome, names), outcome.wall_seconds))
             self._said.set_text(frame_words(viewing, picture, outcome))
-
-
-def summary_words(servers: list[ServerState], outcome: StepOutcome) -> str:
-    """What the folded panel tells: how many servers there are, how many were lost, and what the last step took."""
-    counts = [sum(server.role is role and not server.lost for server in servers) for role in ROLE_WORDS]
-    lost = sum(server.lost for server in servers)
-    words = [f"{counts[0]} map/shade + {counts[1]} splat", *([f"{lost} lost"] if lost else [])]
-    return " · ".join([*words, f"step {outcome.step} in {time_text(outcome.wall_seconds)}"])
 
 
 def _drawing(viewing: Viewing) -> bool:
