@@ -123,6 +123,22 @@ def test_whatever_tab_reaches_says_what_it_is_and_sliders_where_they_stand(page:
     assert not wrong and count > 100
 
 
+def test_a_cut_by_keys_is_undone_at_once_however_long_the_key_was_held(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    shown = page.get_by_label("lowest i", exact=True)
+    page.locator(".vs-picture").focus()
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("slider", name="lowest i, a handle")).to_be_focused()
+    for _ in range(3):
+        page.keyboard.down("ArrowUp")
+    page.keyboard.up("ArrowUp")
+    expect(shown).to_have_value("3")
+    page.keyboard.press("Control+z")
+    expect(shown).to_have_value("0")
+    expect(page.get_by_role("slider", name="lowest i, a handle")).to_have_attribute("aria-valuetext", "0")
+
+
 def test_arrows_go_through_a_menu_and_round_it(page: Page) -> None:
     def presses(key: str, *expected: str) -> None:
         for words in expected:

@@ -179,7 +179,7 @@ def test_dragging_a_handle_cuts_whole_voxels(shown: ShownViewport) -> None:
     shown.page.mouse.move(x, y)
     shown.page.mouse.down()
     shown.page.mouse.move(x + 9.8 * PIXELS_PER_VOXEL, y + 30, steps=4)
-    expect(shown.page.get_by_text("low i = 10")).to_be_visible()
+    expect(shown.page.get_by_text("lowest i = 10")).to_be_visible()
     shown.page.mouse.up()
     last = shown.process.wait_for_settled("bounds")
     assert (last["low"], last["high"]) == ([10, 0, 0], VOLUME["dims"])

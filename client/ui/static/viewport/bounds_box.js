@@ -1,36 +1,39 @@
 // The box of the bounds over a picture, with a handle on each face: dragging it moves that face along its axis, and with
-// Shift the one across as well.
+// Shift the one across as well. Keys do the same; what they do is settled once the key is let go, as a drag is.
 
 import { onTheme } from "../browser/theme.js";
+import { BoundsHandle } from "./bounds_handle.js";
+import { FACES, edgesOf, faceMoved, middleOf, placeOf, slabMoved } from "./box_faces.js";
 import { Projection } from "./camera.js";
 import { MarkCanvas } from "./mark_canvas.js";
-import { cross, dot } from "./rotation.js";
+import { Roving } from "./roving.js";
 import { svg } from "./svg.js";
 
 const LINE = 0.08; // of the text's size
 const STRENGTHS = { front: 0.75, behind: 0.25 };
-const STEEPEST = 0.15; // of a face's axis that must lie in the screen, for its handle to be draggable
-const AXES = "ijk";
+const FAR = 10; // voxels of Page Up and Page Down
+const STEPS = { ArrowUp: 1, ArrowDown: -1, PageUp: FAR, PageDown: -FAR, Home: -Infinity, End: Infinity };
+const NEXT = { ArrowRight: 1, ArrowLeft: -1 };
 
+/** @typedef {import("./box_faces.js").Bounds} Bounds */
+/** @typedef {import("./box_faces.js").Face} Face */
 /** @typedef {import("./camera.js").Grid} Grid */
-/** @typedef {import("./camera.js").Point} Point */
 /** @typedef {import("./frame.js").Frame} Frame */
-/** @typedef {import("./rotation.js").Vector} Vector */
-/** @typedef {{low: Vector, high: Vector}} Bounds half-open */
-/** @typedef {{axis: number, end: "low" | "high"}} Face */
-
-/** @type {Face[]} */
-const FACES = [0, 1, 2].flatMap((axis) => /** @type {Face[]} */ ([{ axis, end: "low" }, { axis, end: "high" }]));
 
 export class BoundsBox {
   #grid;
   #drag;
   #canvas = new MarkCanvas("vs-edges");
-  #handles;
+  #handles = FACES.map((face) => new BoundsHandle(face));
+  #stops = new Roving(this.#handles.map(({ element }) => element));
   #label = svg("text", { class: "vs-handle-label" });
+  #pointed = /** @type {BoundsHandle | null} */ (null);
+  #focused = /** @type {BoundsHandle | null} */ (null);
   #bounds = /** @type {Bounds | null} */ (null);
+  #before = /** @type {Bounds | null} */ (null); // what keys have moved that are still held
   #projection = /** @type {Projection | null} */ (null);
   #frame = /** @type {Frame | null} */ (null);
+  #moving = false;
 
   /**
    * @param {Grid} grid
@@ -40,10 +43,11 @@ export class BoundsBox {
   constructor(grid, drag, signal) {
     this.#grid = grid;
     this.#drag = drag;
-    this.#handles = FACES.map((face) => this.#handle(face));
-    this.element = svg("g", { class: "vs-handles" }, [...this.#handles, this.#label]);
+    for (const handle of this.#handles) this.#listen(handle);
+    const named = { class: "vs-handles", role: "toolbar", "aria-label": "handles of the bounds" };
+    this.element = svg("g", named, [...this.#handles.map(({ element }) => element), this.#label]);
     onTheme(() => this.#draw(), signal);
-    /** Whether a face is being dragged. */
+    /** Whether a hand is at a face. */
     this.busy = false;
   }
 
@@ -60,19 +64,26 @@ export class BoundsBox {
 
   /**
    * @param {Projection} projection of the picture on the screen @param {Frame} frame
-   * @param {boolean} moving whether a hand is at the view: nobody drags a face meanwhile
+   * @param {boolean} moving whether a hand is at the view: nobody drags a face meanwhile. A handle that has the focus is
+   *   only not seen then, or it would lose it.
    */
   place(projection, frame, moving) {
     this.#projection = projection;
     this.#frame = frame;
-    this.element.toggleAttribute("hidden", moving);
+    this.#moving = moving;
+    this.element.toggleAttribute("hidden", moving && this.#focused === null);
+    this.element.classList.toggle("vs-away", moving);
     this.#draw();
   }
 
   #draw() {
     if (this.#bounds === null || this.#projection === null) return;
     this.#drawEdges();
-    if (!this.element.hasAttribute("hidden")) FACES.forEach((face, n) => this.#placeHandle(this.#handles[n], face));
+    if (this.#moving) return;
+    for (const handle of this.#handles) this.#placeHandle(handle);
+    this.#stops.keep();
+    this.#drawLabel();
+    if (!this.busy) this.#say();
   }
 
   #drawEdges() {
@@ -89,122 +100,115 @@ export class BoundsBox {
     }
   }
 
-  #placeHandle(handle, face) {
-    const step = this.#projection.step(face.axis);
-    const [x, y] = this.#frame.toElement(this.#middleOf(face));
-    handle.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
-    handle.toggleAttribute("hidden", Math.hypot(step[0], step[1]) < STEEPEST * Math.hypot(...step));
-    handle.classList.toggle("vs-behind", !facesViewer(face, this.#projection));
+  #placeHandle(handle) {
+    handle.place(this.#middleOf(handle), this.#projection, handle === this.#focused);
   }
 
-  #middleOf({ axis, end }) {
-    const { low, high } = this.#bounds;
-    const middle = low.map((part, n) => (part + high[n] - 1) / 2);
-    middle[axis] = this.#bounds[end][axis] - 0.5;
-    return /** @type {Point} */ (this.#projection.at(/** @type {Vector} */ (middle)).slice(0, 2));
+  #middleOf({ face }) {
+    return this.#frame.toElement(middleOf(this.#bounds, face, this.#projection));
   }
 
-  #handle(face) {
-    const circles = [svg("circle", { class: "vs-reach" }), svg("circle", { class: "vs-dot" })];
-    const named = { class: "vs-handle", "data-face": `${face.end}-${AXES[face.axis]}` };
-    const handle = svg("g", { ...named, hidden: "" }, circles); // until it has a place: a pointer may be there already
-    handle.addEventListener("pointerdown", (event) => this.#begin(event, face, handle));
-    handle.addEventListener("pointerenter", () => this.#tell(face));
-    handle.addEventListener("pointerleave", () => this.#label.replaceChildren());
-    handle.addEventListener("mousedown", (event) => event.preventDefault());
-    return handle;
+  #say() {
+    for (const handle of this.#handles) handle.say(this.#bounds, this.#grid.dims);
   }
 
-  #begin(down, face, handle) {
+  /** @param {BoundsHandle} handle */
+  #listen(handle) {
+    const { element } = handle;
+    element.addEventListener("pointerdown", (event) => this.#begin(event, handle));
+    element.addEventListener("pointerenter", () => this.#point(handle));
+    element.addEventListener("pointerleave", () => this.#point(null));
+    element.addEventListener("mousedown", (event) => event.preventDefault());
+    element.addEventListener("keydown", (event) => this.#press(event, handle));
+    element.addEventListener("keyup", (event) => event.key in STEPS && this.#letGo(event.timeStamp));
+    element.addEventListener("focus", () => this.#focus(handle));
+    element.addEventListener("blur", (event) => {
+      this.#letGo(event.timeStamp);
+      this.#focus(null);
+    });
+  }
+
+  #begin(down, handle) {
     if (down.button !== 0) return;
+    const { face, element } = handle;
     const [sx, sy] = this.#projection.step(face.axis);
     const pixels = this.#frame.scale * (sx * sx + sy * sy);
+    this.#letGo(down.timeStamp);
     const began = this.#bounds;
     const moving = new AbortController();
     const { signal } = moving;
     this.busy = true;
-    handle.setPointerCapture(down.pointerId);
-    handle.addEventListener(
+    element.setPointerCapture(down.pointerId);
+    element.addEventListener(
       "pointermove",
       (event) => {
         const voxels = ((event.clientX - down.clientX) * sx + (event.clientY - down.clientY) * sy) / pixels;
-        const moved = event.shiftKey ? slabMoved : faceMoved;
-        const bounds = moved(began, face, Math.round(voxels), this.#grid.dims);
-        if (bounds[face.end][face.axis] === this.#bounds[face.end][face.axis]) return;
-        this.bounds = bounds;
-        this.#tell(face);
-        this.#drag(bounds, false, event.timeStamp);
+        this.#move(began, face, Math.round(voxels), event);
       },
       { signal },
     );
     const end = (event) => {
       moving.abort();
-      this.busy = false;
-      if (this.#bounds !== began) this.#drag(this.#bounds, true, event.timeStamp);
+      this.#settle(began, event.timeStamp);
     };
-    handle.addEventListener("pointerup", end, { signal });
-    handle.addEventListener("pointercancel", end, { signal });
+    element.addEventListener("pointerup", end, { signal });
+    element.addEventListener("pointercancel", end, { signal });
   }
 
-  #tell(face) {
-    const [x, y] = this.#frame.toElement(this.#middleOf(face));
+  /** With Shift both faces. @param {Bounds} began @param {Face} face @param {number} voxels @param {MouseEvent | KeyboardEvent} event */
+  #move(began, face, voxels, event) {
+    const bounds = (event.shiftKey ? slabMoved : faceMoved)(began, face, voxels, this.#grid.dims);
+    if (placeOf(bounds, face) === placeOf(this.#bounds, face)) return;
+    this.bounds = bounds;
+    this.#drag(bounds, false, event.timeStamp);
+  }
+
+  /** @param {Bounds} began @param {number} at */
+  #settle(began, at) {
+    this.busy = false;
+    this.#say();
+    if (this.#bounds !== began) this.#drag(this.#bounds, true, at);
+  }
+
+  /** @param {KeyboardEvent} event @param {BoundsHandle} handle */
+  #press(event, { face }) {
+    if (event.ctrlKey || event.altKey || event.metaKey || !(event.key in STEPS || event.key in NEXT)) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (event.key in NEXT) return this.#stops.go(NEXT[event.key]);
+    if (this.busy && this.#before === null) return; // a pointer drags it
+    this.#before ??= this.#bounds;
+    this.busy = true;
+    this.#move(this.#bounds, face, STEPS[event.key], event);
+    this.#say();
+  }
+
+  /** The keys are let go. @param {number} at */
+  #letGo(at) {
+    if (this.#before === null) return;
+    const began = this.#before;
+    this.#before = null;
+    this.#settle(began, at);
+  }
+
+  /** @param {BoundsHandle | null} handle */
+  #focus(handle) {
+    this.#focused = handle;
+    this.#draw(); // one that only its focus has kept is away
+  }
+
+  /** @param {BoundsHandle | null} handle */
+  #point(handle) {
+    this.#pointed = handle;
+    this.#drawLabel();
+  }
+
+  #drawLabel() {
+    const handle = this.#pointed ?? this.#focused;
+    if (handle === null) return this.#label.replaceChildren();
+    const [x, y] = this.#middleOf(handle);
     this.#label.setAttribute("x", (x + 12).toFixed(1));
     this.#label.setAttribute("y", (y - 10).toFixed(1));
-    this.#label.textContent = `${face.end} ${AXES[face.axis]} = ${this.#bounds[face.end][face.axis]}`;
+    this.#label.textContent = `${handle.name} = ${placeOf(this.#bounds, handle.face)}`;
   }
-}
-
-/**
- * The twelve edges of a box of voxels, in CSS pixels of the element, and whether the box hides them.
- * @param {Bounds} bounds @param {Projection} projection @param {Frame} frame @returns {{ends: Point[], behind: boolean}[]}
- */
-export function edgesOf({ low, high }, projection, frame) {
-  return EDGES.map(({ ends, faces }) => ({
-    ends: ends.map((corner) => {
-      const index = corner.map((end, axis) => (end === "low" ? low[axis] : high[axis]) - 0.5);
-      const [x, y] = projection.at(/** @type {Vector} */ (index));
-      return frame.toElement([x, y]);
-    }),
-    behind: !faces.some((face) => facesViewer(face, projection)),
-  }));
-}
-
-/** The bounds with one face moved. @param {Bounds} began @param {Face} face @param {number} voxels @param {number[]} dims */
-function faceMoved(began, { axis, end }, voxels, dims) {
-  const [least, most] = end === "low" ? [0, began.high[axis] - 1] : [began.low[axis] + 1, dims[axis]];
-  return { ...began, [end]: shifted(began[end], axis, clamped(began[end][axis] + voxels, least, most)) };
-}
-
-/** The bounds with a face and the one across moved alike. @type {typeof faceMoved} */
-function slabMoved({ low, high }, { axis }, voxels, dims) {
-  const by = clamped(voxels, -low[axis], dims[axis] - high[axis]);
-  return { low: shifted(low, axis, low[axis] + by), high: shifted(high, axis, high[axis] + by) };
-}
-
-/** @returns {Vector} */
-function shifted(corner, axis, place) {
-  return corner.map((part, n) => (n === axis ? place : part));
-}
-
-function clamped(value, least, most) {
-  return Math.min(most, Math.max(least, value));
-}
-
-/** Each edge with its two corners and the two faces that it joins. */
-const EDGES = [0, 1, 2].flatMap((along) => {
-  const [b, c] = [(along + 1) % 3, (along + 2) % 3];
-  return ["low", "high"].flatMap((endB) =>
-    ["low", "high"].map((endC) => {
-      const corner = (end) => [0, 1, 2].map((axis) => (axis === along ? end : axis === b ? endB : endC));
-      const faces = /** @type {Face[]} */ ([{ axis: b, end: endB }, { axis: c, end: endC }]);
-      return { ends: [corner("low"), corner("high")], faces };
-    }),
-  );
-});
-
-/** Whether a face's outer side is seen, on a skew grid too. @param {Face} face @param {Projection} projection */
-function facesViewer({ axis, end }, projection) {
-  const normal = cross(projection.step((axis + 1) % 3), projection.step((axis + 2) % 3));
-  const outward = Math.sign(dot(normal, projection.step(axis))) * (end === "high" ? 1 : -1);
-  return normal[2] * outward > 0;
 }

@@ -46,6 +46,7 @@ const LIST = [
   ["Shift drag, right drag", "move"],
   ["drag a handle", "cut"],
   ["Shift drag a handle", "move both ends of the bounds"],
+  ["↑ ↓ on a handle", "cut by a voxel"],
   ["one finger", "turn"],
   ["two fingers", "zoom, move"],
   ["wheel", "zoom to the pointer"],
