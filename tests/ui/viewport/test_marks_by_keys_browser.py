@@ -1,12 +1,14 @@
-"""The handles of the bounds without a mouse: by keys, and as screen readers hear of them."""
+"""The handles of the bounds and the sides of the cube without a mouse: by keys, and as screen readers hear of them."""
 
 from __future__ import annotations
 
+import pytest
 from playwright.sync_api import Locator, expect
 
 from support.pages.browser import browser, browser_page
 from support.pages.viewport_process import VIEW, VOLUME, ShownViewport, shown, viewport_server
-from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
+from tolerances import CAMERA_PIXELS
+from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view, rotation_from_angles
 
 __all__ = ["browser", "browser_page", "shown", "viewport_server"]
 
@@ -18,14 +20,22 @@ def handle(shown: ShownViewport, end: str) -> Locator:
     return shown.page.get_by_role("slider", name=f"{end}, a handle", exact=True)
 
 
-def tab_from_the_picture(shown: ShownViewport) -> None:
+def side(shown: ShownViewport, view: str) -> Locator:
+    return shown.page.get_by_role("button", name=f"look from the {view} ({VOLUME['sides'][view]})", exact=True)
+
+
+def tab_from_the_picture(shown: ShownViewport, times: int = 1) -> None:
     shown.canvas.focus()
-    shown.page.keyboard.press("Tab")
+    for _ in range(times):
+        shown.page.keyboard.press("Tab")
 
 
 def says(end: Locator, value: int, least: int, most: int) -> None:
     for name, number in (("valuenow", value), ("valuetext", value), ("valuemin", least), ("valuemax", most)):
         expect(end).to_have_attribute(f"aria-{name}", str(number))
+
+
+# -- handles
 
 
 def test_handles_are_one_stop_and_arrows_go_round_those_that_are_shown(shown: ShownViewport) -> None:
@@ -152,3 +162,42 @@ def test_a_handle_is_moved_also_where_its_axis_has_turned_to_the_viewer(shown: S
     shown.page.keyboard.press("Tab")
     shown.page.keyboard.press("Shift+Tab")
     expect(handle(shown, "lowest j")).to_be_focused()
+
+
+# -- the cube
+
+
+def test_the_cube_is_one_stop_whose_arrows_go_round_its_sides(shown: ShownViewport) -> None:
+    tab_from_the_picture(shown, 2)
+    for view in (*VIEW_NAMES, VIEW_NAMES[0]):
+        expect(side(shown, view)).to_be_focused()
+        expect(side(shown, view)).to_have_css("opacity", "1")
+        shown.page.keyboard.press("ArrowRight")
+    shown.page.keyboard.press("Tab")
+    assert shown.page.locator(".vs-picture-buttons button:focus").count() == 1
+    shown.page.keyboard.press("Shift+Tab")
+    expect(side(shown, VIEW_NAMES[1])).to_be_focused()
+    assert shown.process.heard_of("view") == []
+
+
+@pytest.mark.parametrize("key", ["Enter", " "])
+def test_a_side_is_looked_from_by_keys_and_marked_on_the_cube(shown: ShownViewport, key: str) -> None:
+    cube = shown.page.locator(".vs-cube")
+    rests = cube.screenshot()
+    tab_from_the_picture(shown, 2)
+    assert cube.screenshot() != rests
+    expect(cube).to_have_css("outline-style", "solid")
+    shown.page.keyboard.press("ArrowLeft")
+    expect(side(shown, VIEW_NAMES[-1])).to_be_focused()
+    shown.page.keyboard.press(key)
+    view = shown.process.wait_for_settled()
+    assert view["rotation"] == pytest.approx(named_view(VIEW_NAMES[-1]), abs=CAMERA_PIXELS)
+    expect(side(shown, VIEW_NAMES[-1])).to_be_focused()
+
+
+def test_sides_that_only_keys_reach_lie_in_no_pointers_way(shown: ShownViewport) -> None:
+    caption = side(shown, "front").bounding_box()
+    assert caption is not None
+    shown.page.mouse.click(caption["x"] + caption["width"] / 2, caption["y"] + caption["height"] / 2)
+    shown.process.wait_for("center")
+    assert shown.process.heard_of("view") == []

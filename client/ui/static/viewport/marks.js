@@ -43,7 +43,7 @@ export class Marks {
     const corner = document.createElement("div");
     corner.className = "vs-corner";
     corner.append(measuring.element, this.value.element, this.scale.element);
-    this.elements = [this.box.edges, this.overlay, corner, this.cube.element];
+    this.elements = [this.box.edges, this.overlay, corner, this.cube.element, this.cube.sides];
   }
 
   remove() {

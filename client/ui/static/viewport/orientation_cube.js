@@ -1,8 +1,10 @@
-// A small cube that stands as the volume stands; a click on a face looks at it straight.
+// A small cube that stands as the volume stands; a click on a face looks at it straight. Keys and screen readers have a
+// button for each face, of which one is seen only while it has the focus: the canvas alone turns with the picture.
 
 import { onTheme } from "../browser/theme.js";
 import { MarkCanvas } from "./mark_canvas.js";
-import { applied, cross, dot, matrixOf } from "./rotation.js";
+import { Roving } from "./roving.js";
+import { AXIS_VIEWS, applied, cross, dot, matrixOf } from "./rotation.js";
 
 /** @typedef {import("./rotation.js").Vector} Vector */
 
@@ -24,6 +26,7 @@ const DARKEST = 0.25; // share of the text's colour in that of a side
 const LARGEST_LETTERS = 1.05; // in halves of a side
 const WIDEST = 2.7; // letters of such a size on a side, one beside the other
 const EDGE_ON = 0.02; // towards the viewer, below which a side is not seen
+const NEXT = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
 const TIE = 1e-6; // what is no nearer upright than by this is as near: rounding decides nothing
 
 /**
@@ -57,6 +60,7 @@ export class OrientationCube {
   #room = 0; // CSS pixels
   #pointer = /** @type {{x: number, y: number} | null} */ (null); // in the room, if it is there
   #over = /** @type {string | undefined} */ (undefined); // the view of the side under it
+  #focused = /** @type {string | undefined} */ (undefined); // that of the button with the focus
 
   /**
    * @param {Record<string, string>} letters by view @param {(view: string) => void} lookFrom one of AXIS_VIEWS
@@ -65,7 +69,9 @@ export class OrientationCube {
   constructor(letters, lookFrom, signal) {
     this.#letters = letters;
     const { element } = this;
-    element.setAttribute("aria-hidden", "true"); // the panel of the view has all of it in words
+    element.setAttribute("aria-hidden", "true");
+    /** The buttons. */
+    this.sides = this.#makeSides(lookFrom);
     element.addEventListener("pointermove", (event) => this.#point({ x: event.offsetX, y: event.offsetY }));
     element.addEventListener("pointerleave", () => this.#point(null));
     element.addEventListener("click", (event) => {
@@ -107,7 +113,7 @@ export class OrientationCube {
       context.transform(...matrix);
       context.beginPath();
       context.roundRect(-half, -half, 2 * half, 2 * half, ROUNDED * half);
-      const isOver = view === this.#over;
+      const isOver = view === this.#over || view === this.#focused;
       context.fillStyle = colour(isOver ? "--vs-accent" : "--vs-panel");
       context.fill();
       context.fillStyle = colour("--vs-text");
@@ -144,8 +150,48 @@ export class OrientationCube {
   #mark(view) {
     if (view === this.#over) return;
     this.#over = view;
-    this.element.title = view === undefined ? "" : `look from the ${view} (${this.#letters[view]})`;
+    this.element.title = view === undefined ? "" : this.#nameOf(view);
     this.element.classList.toggle("vs-over", view !== undefined);
+  }
+
+  /** @param {string} view */
+  #nameOf(view) {
+    return `look from the ${view} (${this.#letters[view]})`;
+  }
+
+  /** @param {(view: string) => void} lookFrom */
+  #makeSides(lookFrom) {
+    const sides = document.createElement("div");
+    sides.className = "vs-sides";
+    sides.setAttribute("role", "toolbar");
+    sides.setAttribute("aria-label", "sides of the volume");
+    const buttons = AXIS_VIEWS.map((view) => this.#makeSide(view, lookFrom));
+    sides.append(...buttons);
+    const stops = new Roving(buttons);
+    sides.addEventListener("keydown", (event) => {
+      if (!(event.key in NEXT) || event.ctrlKey || event.altKey || event.metaKey || event.shiftKey) return;
+      event.preventDefault();
+      event.stopPropagation();
+      stops.go(NEXT[/** @type {keyof typeof NEXT} */ (event.key)]);
+    });
+    return sides;
+  }
+
+  /** @param {string} view @param {(view: string) => void} lookFrom */
+  #makeSide(view, lookFrom) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = this.#nameOf(view);
+    button.addEventListener("click", () => lookFrom(view));
+    button.addEventListener("focus", () => this.#focus(view));
+    button.addEventListener("blur", () => this.#focus(undefined));
+    return button;
+  }
+
+  /** @param {string | undefined} view */
+  #focus(view) {
+    this.#focused = view;
+    this.#draw();
   }
 }
 
