@@ -244,10 +244,10 @@ def test_slices_follow_tables_and_bounds_but_not_the_turning_hand(page: Page) ->
     assert shown(page, "k") == pixels
     outline = slice_across(page, "k").locator(".vs-slice-bounds")
     before = outline.get_attribute("points")
-    page.get_by_label("lowest i").fill("8")
+    page.get_by_label("lowest i", exact=True).fill("8")
     page.keyboard.press("Enter")
     until(page, lambda: outline.get_attribute("points") != before)
-    page.get_by_label("lowest i").fill("0")
+    page.get_by_label("lowest i", exact=True).fill("0")
     page.keyboard.press("Enter")
     until(page, lambda: outline.get_attribute("points") == before)
     page.get_by_role("button", name="5–95 %").click()

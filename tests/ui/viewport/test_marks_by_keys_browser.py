@@ -13,6 +13,9 @@ from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view, 
 __all__ = ["browser", "browser_page", "shown", "viewport_server"]
 
 DIMS = VOLUME["dims"]
+# A hand at the view, which is somewhere else than the focus.
+HOLD = "() => { const { steering, view } = volsplatViewport; steering.hold(); steering.drag(view, performance.now()); }"
+LET_GO = "() => volsplatViewport.steering.release(performance.now())"
 SHOWN_IN_FRONT = ["lowest i", "end of i", "lowest k", "end of k"]  # j runs away from the viewer
 
 
@@ -138,13 +141,11 @@ def test_a_handle_keeps_the_focus_while_the_view_moves_and_is_not_seen(shown: Sh
     tab_from_the_picture(shown)
     handles = shown.page.locator(".vs-handles")
     expect(handles).to_have_css("opacity", "1")
-    shown.page.evaluate(
-        "(() => { const { steering, view } = volsplatViewport; steering.hold(); steering.drag(view, 0); })()"
-    )
+    shown.page.evaluate(HOLD)
     shown.show_and_wait(view={**VIEW, "rotation": rotation_from_angles(-30, 25)})
     expect(handles).to_have_css("opacity", "0")
     expect(handle(shown, "lowest i")).to_be_focused()
-    shown.page.evaluate("volsplatViewport.steering.release(performance.now())")
+    shown.page.evaluate(LET_GO)
     expect(handles).to_have_css("opacity", "1")
     assert shown.page.get_by_role("slider").count() == 6
 
@@ -201,3 +202,26 @@ def test_sides_that_only_keys_reach_lie_in_no_pointers_way(shown: ShownViewport)
     shown.page.mouse.click(caption["x"] + caption["width"] / 2, caption["y"] + caption["height"] / 2)
     shown.process.wait_for("center")
     assert shown.process.heard_of("view") == []
+
+
+# -- both
+
+
+WATCH = """() => {
+    window.changes = [];
+    const watch = new MutationObserver((records) => window.changes.push(...records.map(({ type }) => type)));
+    for (const part of document.querySelectorAll(".vs-handles, .vs-sides"))
+        watch.observe(part, { attributes: true, childList: true, characterData: true, subtree: true });
+}"""
+
+
+def test_nothing_of_them_changes_with_each_moving_picture(shown: ShownViewport) -> None:
+    tab_from_the_picture(shown)
+    shown.page.evaluate(HOLD)
+    shown.show_and_wait()
+    shown.page.evaluate(WATCH)
+    for turn in (10, 20, 30):
+        shown.show_and_wait(view={**VIEW, "rotation": rotation_from_angles(turn, 25)})
+    assert shown.page.evaluate("changes") == []
+    shown.page.evaluate(LET_GO)
+    shown.page.wait_for_function("() => changes.length > 0")

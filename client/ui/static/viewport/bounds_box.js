@@ -1,12 +1,12 @@
 // The box of the bounds over a picture, with a handle on each face: dragging it moves that face along its axis, and with
 // Shift the one across as well. Keys do the same; what they do is settled once the key is let go, as a drag is.
 
+import { BoundsHandle } from "../bounds/bounds_handle.js";
+import { FACES, edgesOf, faceMoved, middleOf, placeOf, slabMoved } from "../bounds/box_faces.js";
+import { Roving } from "../browser/roving.js";
 import { onTheme } from "../browser/theme.js";
-import { BoundsHandle } from "./bounds_handle.js";
-import { FACES, edgesOf, faceMoved, middleOf, placeOf, slabMoved } from "./box_faces.js";
 import { Projection } from "./camera.js";
 import { MarkCanvas } from "./mark_canvas.js";
-import { Roving } from "./roving.js";
 import { svg } from "./svg.js";
 
 const LINE = 0.08; // of the text's size
@@ -15,8 +15,8 @@ const FAR = 10; // voxels of Page Up and Page Down
 const STEPS = { ArrowUp: 1, ArrowDown: -1, PageUp: FAR, PageDown: -FAR, Home: -Infinity, End: Infinity };
 const NEXT = { ArrowRight: 1, ArrowLeft: -1 };
 
-/** @typedef {import("./box_faces.js").Bounds} Bounds */
-/** @typedef {import("./box_faces.js").Face} Face */
+/** @typedef {import("../bounds/box_faces.js").Bounds} Bounds */
+/** @typedef {import("../bounds/box_faces.js").Face} Face */
 /** @typedef {import("./camera.js").Grid} Grid */
 /** @typedef {import("./frame.js").Frame} Frame */
 

@@ -1,7 +1,7 @@
 // All that is drawn over the picture of one volume: bounds, cube, scale, the value under the pointer.
 
+import { edgesOf } from "../bounds/box_faces.js";
 import { BoundsBox } from "./bounds_box.js";
-import { edgesOf } from "./box_faces.js";
 import { Grid, Projection } from "./camera.js";
 import { OrientationCube } from "./orientation_cube.js";
 import { ScaleBars } from "./scale_bar.js";

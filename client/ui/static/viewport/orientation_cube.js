@@ -1,9 +1,9 @@
 // A small cube that stands as the volume stands; a click on a face looks at it straight. Keys and screen readers have a
 // button for each face, of which one is seen only while it has the focus: the canvas alone turns with the picture.
 
+import { Roving } from "../browser/roving.js";
 import { onTheme } from "../browser/theme.js";
 import { MarkCanvas } from "./mark_canvas.js";
-import { Roving } from "./roving.js";
 import { AXIS_VIEWS, applied, cross, dot, matrixOf } from "./rotation.js";
 
 /** @typedef {import("./rotation.js").Vector} Vector */

@@ -1,15 +1,15 @@
 // The handle of one face of the bounds: a slider for screen readers, whose value is where the face is.
 
 import { AXES, facesViewer, placeOf, reachOf } from "./box_faces.js";
-import { svg } from "./svg.js";
+import { svg } from "../viewport/svg.js";
 
 const STEEPEST = 0.15; // of a face's axis that must lie in the screen, for its handle to be draggable
 const ENDS = { low: "lowest", high: "end of" };
 
 /** @typedef {import("./box_faces.js").Bounds} Bounds */
 /** @typedef {import("./box_faces.js").Face} Face */
-/** @typedef {import("./camera.js").Point} Point */
-/** @typedef {import("./camera.js").Projection} Projection */
+/** @typedef {import("../viewport/camera.js").Point} Point */
+/** @typedef {import("../viewport/camera.js").Projection} Projection */
 
 export class BoundsHandle {
   #said = "";

@@ -1,13 +1,13 @@
 // The faces and edges of a box of voxels: where they go when they are moved, and which the viewer sees.
 
-import { cross, dot } from "./rotation.js";
+import { cross, dot } from "../viewport/rotation.js";
 
 export const AXES = "ijk";
 
-/** @typedef {import("./camera.js").Point} Point */
-/** @typedef {import("./camera.js").Projection} Projection */
-/** @typedef {import("./frame.js").Frame} Frame */
-/** @typedef {import("./rotation.js").Vector} Vector */
+/** @typedef {import("../viewport/camera.js").Point} Point */
+/** @typedef {import("../viewport/camera.js").Projection} Projection */
+/** @typedef {import("../viewport/frame.js").Frame} Frame */
+/** @typedef {import("../viewport/rotation.js").Vector} Vector */
 /** @typedef {{low: Vector, high: Vector}} Bounds half-open */
 /** @typedef {{axis: number, end: "low" | "high"}} Face */
 
