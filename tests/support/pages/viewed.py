@@ -38,6 +38,7 @@ HEAD: tuple[str, Index] = ("head", (24, 32, 28))
 # A scene as links have it: what differs from the first one, which is nothing.
 FIRST = base64.urlsafe_b64encode(zlib.compress(b"{}")).decode().rstrip("=")
 UNUSED_SECONDS = 86400  # between two modules that view it
+_JOIN = re.compile(r"volsplat (splat-server|mapshade-server) (--connect \S+)")
 _ADDRESS = re.compile(r"http://\S+token=\S+")
 
 
@@ -64,6 +65,11 @@ class Viewed:
     def mapshade_servers(self) -> list[psutil.Process]:
         return [server for server in self.person.servers() if is_server(server, "mapshade_server")]
 
+    def asks_to_start(self) -> dict[str, list[str]]:
+        """The programs that a person is to start by hand, each with its options."""
+        asked = [found.groups() for line in self.said if (found := _JOIN.search(line))]
+        return {program: options.split() for program, options in asked}
+
     @contextmanager
     def viewport(self, tab: str, port: int | None = None, **headers: str) -> Iterator[Viewport]:
         address = f"ws://127.0.0.1:{port or self.port}/viewport?tab={tab}"
@@ -78,7 +84,7 @@ class Viewed:
 def viewed(folder: Path, volume: Path | None, *arguments: str) -> Iterator[Viewed]:
     """Fork the command in a folder, wait for its address, and end it by Ctrl-C; nothing may be left then."""
     person = Person(folder)
-    with closing(person.begins(*_words(volume, arguments))) as process, _watched(process, person) as view:
+    with closing(person.begins(*_words(volume, arguments))) as process, watched(process, person) as view:
         yield view
     assert not person.servers(), "servers were left behind"
 
@@ -89,7 +95,7 @@ def viewed_from_shell(folder: Path, volume: Path, *arguments: str) -> Iterator[V
     person = Person(folder)
     with person.starts(*_words(volume, arguments)) as process:
         try:
-            with _watched(process, person) as view:
+            with watched(process, person) as view:
                 yield view
         finally:
             process.kill()
@@ -101,7 +107,8 @@ def _words(volume: Path | None, arguments: Iterable[str]) -> list[str]:
 
 
 @contextmanager
-def _watched(process: Begun | Popen[str], person: Person) -> Iterator[Viewed]:
+def watched(process: Begun | Popen[str], person: Person) -> Iterator[Viewed]:
+    """Wait for the command's address, and end it by Ctrl-C."""
     assert process.stderr is not None
     said: list[str] = []
     watchdog = threading.Timer(PATIENCE, process.send_signal, [signal.SIGKILL])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
 
 __all__ = ["browser", "browser_page"]
-
-JOIN = re.compile(r"volsplat (splat-server|mapshade-server) (--connect \S+)")
 
 
 @pytest.fixture(scope="module")
@@ -170,11 +167,11 @@ def test_servers_started_by_hand_tell_what_they_see_and_go_on_from_volume_to_vol
 @contextmanager
 def joined(running: Viewed, folder: Path) -> Iterator[None]:
     """The servers that the command asked for, started in a folder; they end by themselves."""
-    wanted = [found.groups() for line in running.said if (found := JOIN.search(line))]
-    assert {program for program, _ in wanted} == {"splat-server", "mapshade-server"}
+    wanted = running.asks_to_start()
+    assert wanted.keys() == {"splat-server", "mapshade-server"}
     beside = Person(folder)
     beside.token = running.person.token
-    started = [beside.starts(program, *connect.split()) for program, connect in wanted]
+    started = [beside.starts(program, *options) for program, options in wanted.items()]
     try:
         yield
         running.process.send_signal(signal.SIGINT)
