@@ -18,7 +18,7 @@ from volsplat.client.ui.panels.panel_widths import PanelWidths
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
-from volsplat.client.ui.panels.servers_panel import ServersPanel
+from volsplat.client.ui.panels.servers.servers_panel import ServersPanel
 from volsplat.client.ui.panels.skip_links import skip_links
 from volsplat.client.ui.panels.start_again import StartAgain
 from volsplat.client.ui.panels.steps_bar import steps_bar

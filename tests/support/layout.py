@@ -50,7 +50,7 @@ FLOORS = {
         "movie gallery export",
         "ui/viewing",
         "ui/viewport ui/controls",
-        "ui/panels ui/tables ui/opening",
+        "ui/panels/servers ui/panels ui/tables ui/opening",
         "ui",
         "script",
         "command .",

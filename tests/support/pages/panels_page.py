@@ -25,7 +25,7 @@ from starlette.staticfiles import StaticFiles
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.panels.scene_panels import scene_panels
-from volsplat.client.ui.panels.servers_panel import ServersPanel
+from volsplat.client.ui.panels.servers.servers_panel import ServersPanel
 from volsplat.client.ui.panels.steps_bar import steps_bar
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.running_step import progress

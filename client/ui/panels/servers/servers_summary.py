@@ -11,7 +11,7 @@ from nicegui.element import Element
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.controls.throttle import Throttle
-from volsplat.client.ui.panels.frame_timeline import time_text
+from volsplat.client.ui.panels.servers.frame_timeline import time_text
 from volsplat.client.ui.viewing.moving_rate import MovingRate
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.viewing import Viewing

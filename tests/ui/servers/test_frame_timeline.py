@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tolerances import ROUNDING
 from volsplat.client.coordinator.events.instructions import FrameOutcome
 from volsplat.client.session.renderer import StepOutcome
-from volsplat.client.ui.panels.frame_timeline import (
+from volsplat.client.ui.panels.servers.frame_timeline import (
     MOST_TICKS,
     STAGES,
     STAGES_OF_SLABS,

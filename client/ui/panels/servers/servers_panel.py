@@ -13,7 +13,7 @@ from volsplat.client.session.frame_report import report_of
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.controls.controls import panel_style
 from volsplat.client.ui.controls.throttle import Throttle
-from volsplat.client.ui.panels.frame_timeline import (
+from volsplat.client.ui.panels.servers.frame_timeline import (
     lanes_of,
     stage_class,
     stages_of,
@@ -21,8 +21,8 @@ from volsplat.client.ui.panels.frame_timeline import (
     time_text,
     timeline_svg,
 )
-from volsplat.client.ui.panels.links_table import links_table, losses_words
-from volsplat.client.ui.panels.servers_summary import ServersSummary
+from volsplat.client.ui.panels.servers.links_table import links_table, losses_words
+from volsplat.client.ui.panels.servers.servers_summary import ServersSummary
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing

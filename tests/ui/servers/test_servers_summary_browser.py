@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import page
 from support.pages.tables_tab import box
-from volsplat.client.ui.panels.servers_summary import INTERVAL
+from volsplat.client.ui.panels.servers.servers_summary import INTERVAL
 from volsplat.client.ui.viewing.moving_rate import LEAST
 
 if TYPE_CHECKING:
