@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import psutil
 import pytest
@@ -30,19 +32,62 @@ def picture_size(page: Page) -> list[int]:
     return size
 
 
+def middle(page: Page) -> tuple[float, float]:
+    """Of the picture, in the window."""
+    place = box(page.locator(".vs-picture"))
+    return place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+
+
 # -- undo
 
 
 def test_a_turn_and_a_click_that_centres_are_undone(page: Page) -> None:
     before = canvas(page)
     turned = after(page, lambda: drag(page, 60, 20))
-    place = box(page.locator(".vs-picture"))
-    x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+    x, y = middle(page)
     centred = after(page, lambda: page.mouse.click(x + 30, y + 30))
     assert not torch.equal(centred, turned)
     assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), turned)
     assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), before)
     assert torch.equal(after(page, lambda: page.keyboard.press("Control+Shift+z")), turned)
+
+
+def dragged(page: Page, button: Literal["left", "right"] = "left", held: tuple[str, ...] = ()) -> None:
+    """With these keys held."""
+    x, y = middle(page)
+    for key in held:
+        page.keyboard.down(key)
+    page.mouse.move(x, y)
+    page.mouse.down(button=button)
+    page.mouse.move(x + 50, y + 20, steps=5)
+    page.mouse.up(button=button)
+    for key in held:
+        page.keyboard.up(key)
+
+
+def zoomed(page: Page) -> None:
+    x, y = middle(page)
+    page.mouse.move(x + 30, y + 10)
+    page.mouse.wheel(0, -200)
+
+
+MOVES: dict[str, Callable[[Page], None]] = {
+    "wheel": zoomed,
+    "pan": lambda page: dragged(page, held=("Shift",)),
+    "pan by the right button": lambda page: dragged(page, button="right"),
+    "roll": lambda page: dragged(page, held=("Control",)),
+    **{key: partial(lambda key, page: page.keyboard.press(key), key) for key in ("ArrowUp", "Shift+ArrowLeft", *"+[5")},
+}
+
+
+@pytest.mark.parametrize("move", MOVES)
+def test_any_move_of_the_camera_is_undone(page: Page, move: str) -> None:
+    before = canvas(page)
+    moved = after(page, lambda: MOVES[move](page))
+    assert not torch.equal(moved, before)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), before)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+Shift+z")), moved)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), before)
 
 
 def test_a_table_point_that_was_dragged_goes_back_by_keys(page: Page) -> None:
@@ -292,8 +337,7 @@ def test_what_is_typed_and_not_entered_outlives_that_the_page_is_loaded_anew(pag
 
 
 def test_what_moves_is_drawn_by_the_finest_step_lit_and_smooth(page: Page) -> None:
-    place = box(page.locator(".vs-picture"))
-    x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+    x, y = middle(page)
     page.evaluate("() => { window.volsplatViewport.log.length = 0; }")
     page.mouse.move(x, y)
     page.mouse.down()
