@@ -287,7 +287,11 @@ class DrawingLoop:
             _ = picture.data  # encoded here, so that the page's thread need not
         encoding_seconds = 0.0 if picture.last else time.perf_counter() - began  # what moves is never sent as PNG
         if refinement.outcome is not None and drawn is not None:
-            self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
+            seconds = refinement.outcome.wall_seconds + encoding_seconds
+            if state.settled:
+                self.pacing.measured_at_rest(drawn.step, seconds)
+            else:
+                self.pacing.measured(drawn, seconds)
         if refinement.complete:
             self._shown = picture
             self._lost_at = None

@@ -38,7 +38,7 @@ _LEARNT = 6  # images, after which it is known what a rung costs beside the one 
 _LEAST = 2  # images, before another rung is taken
 _LEARN_TO = 2.0  # by which factor a cost may turn out to be other than is likely
 _FORGOTTEN = 0.005  # of what was learnt, with each image
-_HICCUP = 2.0  # times as long as expected: more of one image is no news
+_HICCUP = 2.0  # times as long as expected: if one image takes more, that is no news yet
 _MARGIN = 0.85  # of the time between two images that a better one may take; what is drawn already may take all of it
 _VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save
 _FEWER_SAVE = 0.6  # power of the share of the voxels, of which that time is
@@ -94,38 +94,48 @@ class Pacing:
 
     What makes one rung slower or faster (zoom, tables, other programs) does so with all of them: that is the pace, in
     seconds for a whole image, which follows all that is measured. Costs, in whole images, are what rungs are beside
-    each other: the first images after a change of rungs tell them, since the pace is known from just before.
+    each other: the first images after a change of rungs tell them, since the pace is known from just before. After a
+    rest it is not, for a picture at rest is held up by a page that takes in another one: so the first images tell it.
     """
 
     def __init__(self) -> None:
         self._pace: dict[Step, float] = {}
         self._costs: dict[Rung, float] = {}  # that were learnt
-        self._drawn: Rung | None = None  # what was measured last,
+        self._drawn: Rung | None = None  # what was measured last while things moved; None after a rest,
         self._images = 0  # and how often in a row
-        self._hiccup = False  # whether the newest took that long alone
+        self._first = True  # whether it is the first that was drawn after a rest
+        self._slow = False  # whether the newest took far longer than expected
         self._moving = Rung(PAPER_STEPS[-1])
 
+    def measured_at_rest(self, step: Step, seconds: float) -> None:
+        """Note the time of one whole image that may stay."""
+        self._drawn, self._images = None, 0
+        pace = self._pace.get(step)
+        if pace is None or not pace < seconds <= _HICCUP * pace:  # pages that take in the one before may hold it up
+            self._pace[step] = seconds
+        self._forget(step, 0.5)
+
     def measured(self, rung: Rung, seconds: float) -> None:
-        """Note the time of one image."""
-        self._images = self._images + 1 if rung == self._drawn else 1
+        """Note the time of one image while things move."""
+        if rung != self._drawn:
+            self._first, self._images = self._drawn is None, 0
         self._drawn = rung
+        self._images += 1
         pace = self._pace.get(rung.step)
-        if rung.is_whole:
-            if pace is not None and pace < seconds <= _HICCUP * pace:
-                seconds = math.sqrt(pace * seconds)  # pages that took in the picture before may have held it up
-            self._pace[rung.step] = seconds
-            self._forget(rung.step, 0.5)
-            return
         if pace is None:
             self._pace[rung.step] = seconds / self._cost(rung)
             return
-        most = _HICCUP * pace * self._cost(rung)
-        self._hiccup = seconds > most and not self._hiccup
-        if self._hiccup:
-            seconds = most
-        learns = self._images <= _LEARNT and self._learns(rung, seconds / pace)
+        before, self._slow = self._slow, seconds > _HICCUP * pace * self._cost(rung)
+        if self._slow and not before:
+            return
+        if rung.is_whole:
+            self._pace[rung.step] = math.sqrt(pace * seconds) if pace < seconds and not self._slow else seconds
+            self._forget(rung.step, 0.5)
+            return
+        learns = self._images <= _LEARNT and not self._first and self._learns(rung, seconds / pace)
         if not learns:
-            self._pace[rung.step] = pace + _NEWEST_WEIGHT * (seconds / self._cost(rung) - pace)
+            weight = max(_NEWEST_WEIGHT, 1 / (1 + self._images)) if self._first else _NEWEST_WEIGHT
+            self._pace[rung.step] = pace + weight * (seconds / self._cost(rung) - pace)
         self._forget(rung.step, _FORGOTTEN)
 
     def expected(self, rung: Rung) -> float | None:
