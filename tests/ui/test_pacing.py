@@ -171,6 +171,31 @@ def test_one_image_that_took_long_changes_nothing(milliseconds: tuple[float, ...
     assert pacing.while_moving(SCENE) == RUNGS[place]
 
 
+def test_neither_does_one_before_a_rest_and_one_after_it() -> None:
+    pacing = Pacing()
+    pacing.measured_at_rest(Step.F, HEAD[-1] / 1e3)
+    list(dragged(pacing, HEAD, WARM_UP))
+    pacing.measured(WHOLE, 0.15)
+    pacing.measured_at_rest(Step.F, HEAD[-1] / 1e3)
+    pacing.measured(WHOLE, 0.15)
+    assert list(dragged(pacing, HEAD, 20)) == 20 * [len(HEAD) - 1]
+
+
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("milliseconds", [SHELLS, HEAD])
+def test_images_that_take_long_again_and_again_have_less_drawn(milliseconds: tuple[float, ...], every: int) -> None:
+    """Although most, and each before such a one, do not."""
+    pacing = Pacing()
+    pacing.measured_at_rest(Step.F, milliseconds[-1] / 1e3)
+    *_, before = dragged(pacing, milliseconds, WARM_UP)
+    places = list[int]()
+    for n in range(4 * WARM_UP):
+        rung = pacing.while_moving(SCENE)
+        places.append(RUNGS.index(rung))
+        pacing.measured(rung, milliseconds[places[-1]] / 1e3 * (1 if n % every else 10))
+    assert sum(places[WARM_UP:]) / len(places[WARM_UP:]) < before - 2
+
+
 def test_a_picture_at_rest_that_took_far_longer_than_before_says_how_long_others_take() -> None:
     pacing = Pacing()
     for seconds in (0.02, 0.5):  # of other tables

@@ -38,7 +38,8 @@ _LEARNT = 6  # images, after which it is known what a rung costs beside the one 
 _LEAST = 2  # images, before another rung is taken
 _LEARN_TO = 2.0  # by which factor a cost may turn out to be other than is likely
 _FORGOTTEN = 0.005  # of what was learnt, with each image
-_HICCUP = 2.0  # times as long as expected: if one image takes more, that is no news yet
+_HICCUP = 2.0  # times as long as expected: an image that takes more is no news,
+_RARE = 10  # if so many before it did not
 _MARGIN = 0.85  # of the time between two images that a better one may take; what is drawn already may take all of it
 _VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save
 _FEWER_SAVE = 0.6  # power of the share of the voxels, of which that time is
@@ -104,12 +105,12 @@ class Pacing:
         self._drawn: Rung | None = None  # what was measured last while things moved; None after a rest,
         self._images = 0  # and how often in a row
         self._first = True  # whether it is the first that was drawn after a rest
-        self._slow = False  # whether the newest took far longer than expected
+        self._even = _RARE  # images since one took far longer than expected, or at least so many
         self._moving = Rung(PAPER_STEPS[-1])
 
     def measured_at_rest(self, step: Step, seconds: float) -> None:
         """Note the time of one whole image that may stay."""
-        self._drawn, self._images = None, 0
+        self._drawn, self._images, self._even = None, 0, _RARE
         pace = self._pace.get(step)
         if pace is None or not pace < seconds <= _HICCUP * pace:  # pages that take in the one before may hold it up
             self._pace[step] = seconds
@@ -120,20 +121,17 @@ class Pacing:
         if rung != self._drawn:
             self._first, self._images = self._drawn is None, 0
         self._drawn = rung
-        self._images += 1
         pace = self._pace.get(rung.step)
         if pace is None:
             self._pace[rung.step] = seconds / self._cost(rung)
             return
-        before, self._slow = self._slow, seconds > _HICCUP * pace * self._cost(rung)
-        if self._slow and not before:
+        slow, even = seconds > _HICCUP * pace * self._cost(rung), self._even
+        self._even = 0 if slow else even + 1
+        if slow and even >= _RARE:
             return
-        if rung.is_whole:
-            self._pace[rung.step] = math.sqrt(pace * seconds) if pace < seconds and not self._slow else seconds
-            self._forget(rung.step, 0.5)
-            return
-        learns = self._images <= _LEARNT and not self._first and self._learns(rung, seconds / pace)
-        if not learns:
+        self._images += 1
+        may_learn = self._images <= _LEARNT and not self._first and not rung.is_whole
+        if not (may_learn and self._learns(rung, seconds / pace)):
             weight = max(_NEWEST_WEIGHT, 1 / (1 + self._images)) if self._first else _NEWEST_WEIGHT
             self._pace[rung.step] = pace + weight * (seconds / self._cost(rung) - pace)
         self._forget(rung.step, _FORGOTTEN)
