@@ -101,6 +101,12 @@ def distinct_steps(scene: Scene) -> list[Step]:
     return [step for step in wanted if step not in alike]
 
 
+def stands_for(scene: Scene, step: Step) -> Step:
+    """Of the steps up to the finest with the picture of this one the last; the step itself if there are none."""
+    alike = (one for one in Step if one <= finest_step(scene) and same_picture(scene, one, step))
+    return max(alike, default=step)
+
+
 def drawn_alike(scene: Scene, other: Scene) -> bool:
     """Whether each step has the same picture of both: up to F, however they differ in what step G alone obeys."""
     slabs = STEP_RULES[finest_step(scene)].slabs

@@ -144,16 +144,19 @@ def test_what_a_moving_picture_takes_is_told_with_its_coding_but_not_with_that_o
     drawn: Drawn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One at rest is coded as PNG, which takes as long as many a moving picture in all."""
-    measured: list[tuple[Rung, float]] = []
+    measured = list[tuple[Rung, float]]()
+    at_rest = list[tuple[Step, float]]()
     monkeypatch.setattr(drawn.loop.pacing, "while_moving", lambda scene: Rung(Step.F, 0.5))
     monkeypatch.setattr(drawn.loop.pacing, "measured", lambda rung, seconds: measured.append((rung, seconds)))
+    monkeypatch.setattr(drawn.loop.pacing, "measured_at_rest", lambda step, seconds: at_rest.append((step, seconds)))
     drawn.zoom_by(1.1, settled=False)
     moving = drawn.next()
     drawn.model.change(lambda scene: scene)
     still = drawn.last()[-1]
     assert still.data.startswith(PNG) and moving.outcome is not None and still.outcome is not None
-    assert measured[0][1] > moving.outcome.wall_seconds
-    assert measured[-1] == (Rung(Step.F), still.outcome.wall_seconds)
+    ((rung, seconds),) = measured
+    assert rung == Rung(Step.F, 0.5) and seconds > moving.outcome.wall_seconds
+    assert at_rest[-1] == (Step.F, still.outcome.wall_seconds)
 
 
 def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,6 +224,17 @@ def test_the_image_refines_to_the_step_that_is_asked_for_and_goes_on_from_there(
     assert finest(drawn, Step.G) == [Step.F, Step.G]
     assert finest(drawn, Step.F) == [Step.F]
     assert finest(drawn, Step.A) == [Step.A]
+
+
+def test_steps_with_the_picture_on_the_screen_are_not_drawn_again(drawn: Drawn) -> None:
+    drawn.model.change(lit_from)  # so that D, E and F are one picture
+    drawn.last()
+    shown = drawn.loop.shown
+    assert shown is not None and same_picture(drawn.model.scene, Step.D, Step.F)
+    for step in (Step.E, Step.D, Step.F):
+        assert finest(drawn, step) == [step]
+        assert drawn.loop.shown is not None and drawn.loop.shown.published is shown.published
+    assert finest(drawn, Step.G) == [Step.G]
 
 
 def test_what_is_coarser_than_asked_for_is_told_to_be_drawn(drawn: Drawn) -> None:

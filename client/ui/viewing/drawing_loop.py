@@ -31,6 +31,7 @@ from volsplat.protocol.rules.refinement import (
     finer,
     finest_moving_step,
     finest_step,
+    stands_for,
 )
 from volsplat.protocol.text.errors import VolsplatError
 
@@ -221,7 +222,7 @@ class DrawingLoop:
         shown, finest, first = self._shown, finest_step(state.scene), self._first_to_draw(state.scene)
         if first is None:
             assert shown is not None
-            self._publish(state, Refinement(shown.step, shown.published, shown.outcome))
+            self._publish(state, Refinement(finest, shown.published, shown.outcome))
             return
         rests_at = time.monotonic() + REST_SECONDS
         if first in PAPER_STEPS:
@@ -236,11 +237,10 @@ class DrawingLoop:
         shown, finest = self._shown, finest_step(scene)
         if shown is None or not drawn_alike(shown.state.scene, scene):
             return Step.A
-        if shown.step > finest:  # was asked for before
+        step = stands_for(scene, shown.step)
+        if step > finest or (step == finest and not shown.published.exact):  # was asked for before, or only looked at
             return finest
-        if shown.step == finest and shown.whole and not shown.published.exact:  # it was only looked at
-            return finest
-        return finer(shown.step, finest) if shown.whole else shown.step
+        return finer(step, finest) if shown.whole else step
 
     def _rests_until(self, moment: float) -> bool:
         """Whether nothing has changed by then."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.refinement_steps import Step
-from volsplat.protocol.rules.refinement import distinct_steps, drawn_alike, finest_step
+from volsplat.protocol.rules.refinement import distinct_steps, drawn_alike, finest_step, stands_for
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,11 @@ def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> 
     if picture is None or not drawn_alike(picture.state.scene, state.scene):
         return Progress(running=Step.A if state.settled else while_moving, finished=None)
     steps, finest = distinct_steps(state.scene), finest_step(state.scene)
-    if state.settled and picture.step > finest:  # was asked for before
+    drawn = stands_for(state.scene, picture.step)
+    if state.settled and drawn > finest:  # was asked for before
         return Progress(running=finest, finished=None)
     if not picture.complete or (state.settled and not picture.whole):
-        return Progress(
-            running=picture.step, finished=max((step for step in steps if step < picture.step), default=None)
-        )
+        return Progress(running=drawn, finished=max((step for step in steps if step < drawn), default=None))
     if not state.settled:
         return Progress(running=None, finished=picture.step)
-    to_come = (step for step in steps if picture.step < step)
-    return Progress(running=min(to_come, default=None), finished=picture.step)
+    return Progress(running=min((step for step in steps if step > drawn), default=None), finished=drawn)
