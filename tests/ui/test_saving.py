@@ -38,7 +38,7 @@ from volsplat.client.ui.viewing.saving import (
     scene_link,
 )
 from volsplat.protocol.description.refinement_steps import Step
-from volsplat.protocol.description.scene import Image, Scene
+from volsplat.protocol.description.scene import Image, Refine, Scene
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -228,6 +228,19 @@ def test_a_movie_of_figures_has_the_plain_pictures_in_it(single: SingleProcess, 
     height, width, _ = plain.shape
     below = next(n for n in range(figures.shape[0]) if torch.equal(figures[n : n + height], plain))
     assert figures.shape[1] == width and 0 < below < figures.shape[0] - height
+
+
+@pytest.mark.parametrize("finest", [Step.B, Step.F])
+def test_a_movie_is_drawn_by_the_step_that_the_image_refines_to(
+    single: SingleProcess, tmp_path: Path, finest: Step
+) -> None:
+    scenes = [msgspec.structs.replace(scene, refine=Refine(finest=finest)) for scene in turn(single, 2)]
+    job = MovieJob(single, scenes, tmp_path / "turn")
+    job.join()
+    frame = read_image(tmp_path / "turn" / "frame-00002.png")
+    for step in (Step.B, Step.F):
+        shown = over_background(single.render(scenes[1], step), scenes[1].image.background)
+        assert ((frame - shown).abs().max() <= HALF_A_LEVEL["uint8"]) == (step == finest)
 
 
 def test_a_cancelled_job_ends_with_the_frame_and_leaves_nothing(gated: Gated, tmp_path: Path) -> None:

@@ -170,7 +170,9 @@ def _merged(base: Any, changed: Any) -> Any:
 
 
 class MovieJob:
-    """A movie being made on a thread of its own. All that is told of it may be read from any thread, at any time.
+    """A movie being made on a thread of its own, by the step that its first scene refines to.
+
+    All that is told of it may be read from any thread, at any time.
 
     A frame that is pushed aside by whatever else draws with `renderer` is drawn again; one that pushes others aside
     leaves them with nothing, so that it must take its turn.
@@ -228,7 +230,8 @@ class MovieJob:
         try:
             drawn, cancelled = self._on_progress, self._cancelled.is_set
             about = FrameFigure(figure, scenes, renderer.volume) if figure is not None else None
-            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, figure=about)
+            step = finest_step(scenes[0])
+            write_movie(repeat(renderer), scenes, self.path, rate, drawn, cancelled, step, about)
             self.whole = True
             self.line = f"{self._frames} images"
         except MovieCancelled:
