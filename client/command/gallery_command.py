@@ -31,7 +31,9 @@ from volsplat.protocol.description.refinement_steps import Step
 )
 @server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
-@click.option("--step", type=Words(Step), default="F", help="The step for what the paper draws in step F (F).")
+@click.option(
+    "--step", type=Words([Step.F, Step.G]), default="F", help="The step for what the paper draws in step F (F)."
+)
 def gallery(out: Path, data: Path | None, size: int, step: str, **settings: Any) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 

@@ -104,9 +104,11 @@ def completed(typed: str) -> list[str]:
     return done.stdout.split()
 
 
-@pytest.mark.parametrize("name", ["render", "movie", "gallery"])
-def test_steps_are_listed_by_their_letters(name: str) -> None:
-    assert "--step [A|B|C|D|E|F|G]" in command(name).get_help(click.Context(command(name)))
+@pytest.mark.parametrize(
+    ("name", "steps"), [("render", "[A|B|C|D|E|F|G]"), ("movie", "[A|B|C|D|E|F|G]"), ("gallery", "[F|G]")]
+)
+def test_steps_are_listed_by_their_letters(name: str, steps: str) -> None:
+    assert f"--step {steps}" in command(name).get_help(click.Context(command(name)))
 
 
 def test_words_are_listed_as_click_lists_choices() -> None:
