@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from volsplat.bench.chromium_tab import ChromiumTab
@@ -132,7 +133,7 @@ class Drag:
     def stale(self) -> int:
         """Pictures shown after a newer one."""
         numbers = [picture.number for picture in self.shown]
-        return sum(later <= earlier for earlier, later in zip(numbers, numbers[1:], strict=False))
+        return sum(later <= earlier for earlier, later in pairwise(numbers))
 
     def growth(self) -> float:
         """Seconds by which the last third of the latencies is worse than the first, in the median."""
@@ -202,8 +203,7 @@ def check_turned(shown: Sequence[ShownPicture], turned: Sequence[float]) -> None
     """Raises VolsplatError unless each picture turns the volume, and does nothing else, up to where it was `turned`."""
     first, last = shown[0], shown[-1]
     still = any(
-        later.event > earlier.event and later.rotation == earlier.rotation
-        for earlier, later in zip(shown, shown[1:], strict=False)
+        later.event > earlier.event and later.rotation == earlier.rotation for earlier, later in pairwise(shown)
     )
     if still or list(last.rotation) != list(turned):
         raise VolsplatError("pictures were shown that do not follow the pointer, which was to turn the volume")
