@@ -23,7 +23,8 @@ def test_a_file_can_have_any_name_that_is_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "stem", ["", " ", "\u3000\xa0\t", ".head", "..", "a/b", "a\\b", "a\0", "a\n", "😀" * 63, "a" * 252]
+    "stem",
+    ["", " ", "\u3000\xa0\t", ".head", "..", "a/b", "a\\b", "a\0", "a\n", "a\ud83d", "\udc00", "😀" * 63, "a" * 252],
 )
 def test_what_names_no_file_is_refused_in_one_line(stem: str) -> None:
     with pytest.raises(BadInput, match="^name: ") as raised:
