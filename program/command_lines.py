@@ -1,17 +1,15 @@
 """What all command lines have alike: how help is asked for, the lines to type at its end, files, and times."""
 
-import re
 from pathlib import Path
 from typing import Any
 
 import click
 
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.text.file_names import FILE_URL, path_of
+from volsplat.protocol.text.file_names import is_file_url, path_of, scheme_of
 
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}  # of click's context
 LONGEST_WAIT = 1e7  # seconds, 115 days: what clocks and sockets take
-_URL = re.compile(r"[A-Za-z][\w+.-]*://")
 
 
 def examples(*lines: str) -> str:
@@ -29,7 +27,7 @@ class _LocalPath(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Raises BadInput for a URL of anything else, which would be taken for a folder's name."""
         if isinstance(value, str):
-            if _URL.match(value) and not value.startswith(FILE_URL):
+            if scheme_of(value) and not is_file_url(value):
                 raise BadInput(f"{value}: is a URL, and what is meant must be a file or folder here; give its path")
             value = path_of(value)
         return super().convert(value, param, ctx)

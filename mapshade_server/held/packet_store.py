@@ -337,7 +337,7 @@ def _group_attributes(folder: Path) -> dict[str, Any]:
 
 def open_store(place: str) -> PacketStore:
     """The store at a path or, with fsspec, a URL. Raises BadInput for what is no finished store."""
-    place = place if (name := volume_name(place)).is_far else name.plain_place
+    place = volume_name(place).plain_place
     if _has_journal(Path(place)) and not has_attributes(Path(place)):
         raise _unfinished(place, _begun_from(Path(place)))
     zarr = library("zarr", f"{place}: a packet store")

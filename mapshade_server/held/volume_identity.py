@@ -150,7 +150,7 @@ def _blocks(files: Sequence[VolumeFile], sizes: Sequence[int]) -> Iterator[bytes
 def _place(name: VolumeName) -> list[str]:
     """What only this place has: files of one path may be others on other machines, and in other containers."""
     if name.is_far:
-        return [name.place]
+        return [name.plain_place]
     path = os.path.abspath(name.plain_place)
     return [socket.gethostname(), str(os.stat(os.path.dirname(path)).st_dev), path]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.text.file_names import FILE_URL, check_utf8, path_of
+from volsplat.protocol.text.file_names import check_utf8, is_file_url, path_of, plain_url
 
 LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
 
@@ -29,12 +29,12 @@ class VolumeName(NamedTuple):
     @property
     def is_far(self) -> bool:
         """Whether it is a URL, and none of this machine's files."""
-        return self.is_url and not self.place.startswith(FILE_URL)
+        return self.is_url and not is_file_url(self.place)
 
     @property
     def plain_place(self) -> str:
-        """The place; of a URL of this machine's files their path, which may look like a URL itself."""
-        return path_of(self.place)
+        """The place as it is opened: of a URL of this machine's files their path, which may look like a URL itself."""
+        return plain_url(self.place) if self.is_far else path_of(self.place)
 
     def __str__(self) -> str:
         return f"{self.place}#{self.part}" if self.part else self.place

@@ -1,13 +1,32 @@
 """File names that can be told to others: text, and not any bytes as file systems allow. And URLs of files here."""
 
 import os
+import re
 from urllib.parse import unquote
 
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
 
 FILE_URL = "file://"
+_URL = re.compile(r"([A-Za-z][\w+.-]*)://")
 THIS_MACHINE = ("", "localhost")  # what RFC 8089 lets stand before a path
+
+
+def scheme_of(name: str) -> str:
+    """What a URL begins with, before ://, in lower case, as RFC 3986 compares it; "" for what is no URL."""
+    match = _URL.match(name)
+    return match[1].lower() if match else ""
+
+
+def is_file_url(name: str) -> bool:
+    """Whether it is a URL of a file: of this machine, or refused."""
+    return f"{scheme_of(name)}://" == FILE_URL
+
+
+def plain_url(name: str) -> str:
+    """The URL with its scheme in lower case, the only one that libraries know; any other name as it is."""
+    scheme = scheme_of(name)
+    return f"{scheme}{name[len(scheme) :]}"
 
 
 def path_of(name: str) -> str:
@@ -15,14 +34,14 @@ def path_of(name: str) -> str:
 
     Raises BadInput for a URL of another machine's file, and for what can be no file's name.
     """
-    path = _path_in(name) if name.startswith(FILE_URL) else name
+    path = _path_in(name) if is_file_url(name) else name
     if "\0" in path:
         raise BadInput(f"{printable(name)}: no file's name has a byte of 0; leave it out")
     return path
 
 
 def _path_in(url: str) -> str:
-    host, _, path = url.removeprefix(FILE_URL).partition("/")
+    host, _, path = url[len(FILE_URL) :].partition("/")
     if host.lower() not in THIS_MACHINE:
         raise BadInput(
             f"{printable(url)}: names the machine {printable(host)}, and {FILE_URL} reaches files of this one alone; "

@@ -63,15 +63,17 @@ def test_what_is_written_may_be_named_by_a_url_of_a_file_here_and_by_no_other(
     before = sorted(os.listdir(os.fsencode(folder)))
     for url, why in (
         (f"file://otherhost{tmp_path}", "names the machine otherhost, and file:// reaches files of this one alone"),
-        ("s3://bucket", "is a URL, and what is meant must be a file or folder here; give its path"),
+        (f"FILE://otherhost{tmp_path}", "names the machine otherhost, and file:// reaches files of this one alone"),
+        ("S3://bucket", "is a URL, and what is meant must be a file or folder here; give its path"),
     ):
         refused = Person(folder).runs(*(word.format(url) for word in words))
         assert (refused.returncode, refused.stderr.count("\n")) == (2, 1) and why in refused.stderr
         assert not list(tmp_path.iterdir())
-    (tmp_path / "a folder").mkdir()
-    done = Person(folder).runs(*(word.format(f"file://{tmp_path}/a%20folder") for word in words))
-    assert done.returncode == 0, done.stderr
-    assert list((tmp_path / "a folder").iterdir())
+    for url, place in ((f"file://{tmp_path}/a%20folder", "a folder"), (f"FILE://LocalHost{tmp_path}/b", "b")):
+        (tmp_path / place).mkdir()
+        done = Person(folder).runs(*(word.format(url) for word in words))
+        assert done.returncode == 0, done.stderr
+        assert list((tmp_path / place).iterdir())
     assert sorted(os.listdir(os.fsencode(folder))) == before
 
 

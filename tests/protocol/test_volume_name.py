@@ -65,10 +65,17 @@ def test_a_url_of_a_file_here_leads_to_it_whatever_its_path_looks_like(tmp_path:
     (tmp_path / "x:").mkdir()
     path = written(tmp_path / "x:" / "head.nrrd", values_of("uint8"))
     _, by_path = identified_volume(str(path))
-    for host in ("", "localhost", "LocalHost"):
-        url = f"file://{host}{tmp_path}/{place}"
+    for begin in ("file://", "file://localhost", "File://LocalHost", "FILE://"):
+        url = f"{begin}{tmp_path}/{place}"
+        assert not volume_name(url).is_far
         np.testing.assert_array_equal(read_whole(url), read_whole(path))
         assert identified_volume(url)[1] == by_path
+
+
+def test_a_url_s_scheme_is_the_same_in_capitals() -> None:
+    named = volume_name("HTTPS://Host/A.zarr#1")
+    assert named == ("HTTPS://Host/A.zarr", "1") and named.is_far
+    assert named.plain_place == "https://Host/A.zarr"
 
 
 @pytest.mark.parametrize("host", ["otherhost", "localhost:80", "localhost.example.org", "data", ".."])
