@@ -8,7 +8,7 @@ from statistics import median
 
 SPAN = 2.0  # seconds of movement that it is known from, and without a picture, after which another one begins
 NEWS = 5.0  # seconds that it is told after the last such picture
-LEAST = 4  # pictures that it is known from, however slow: a click makes fewer
+LEAST = 4  # pictures that it is known from, none of them SPAN after the one before: a click makes fewer
 PAUSE = 3.0  # times as long as is usual between two: then the hand has rested
 
 

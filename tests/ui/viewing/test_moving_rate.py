@@ -21,6 +21,13 @@ def test_it_is_the_pictures_of_the_last_seconds_whatever_was_before() -> None:
 def test_few_pictures_that_take_long_have_a_rate_too() -> None:
     assert noted(0, 1.5, 3, 4.5, 6).rate == pytest.approx(1 / 1.5)
     assert noted(0, 1.5, 3, 4.5, 6).left(6) > 0
+    slowest = [SPAN * n for n in range(LEAST)]
+    assert noted(*slowest).rate == pytest.approx(1 / SPAN) and noted(*slowest).left(slowest[-1]) > 0
+
+
+def test_pictures_that_come_more_than_its_span_apart_have_none() -> None:
+    slower = [1.25 * SPAN * n for n in range(3 * LEAST)]
+    assert noted(*slower).left(slower[-1]) == 0
 
 
 def test_a_hand_that_rests_for_a_moment_makes_it_no_slower() -> None:
