@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 import torch
 
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 __all__ = ["browser", "browser_page"]
+
+replace = msgspec.structs.replace
 
 FINISHED = ".vs-step.vs-done"
 OPACITY = 'section[aria-label="Opacity"]'
@@ -93,6 +97,26 @@ def test_steps_and_tables_lie_beside_the_viewport(browser_page: Page, session: S
         cell.kernel(lambda: setattr(cell.widget, "scene", with_table(cell.widget.scene, "opac", flat)))
         cell.until(lambda: page.locator(OPACITY).get_by_role("slider").count() == 3)
         assert page.locator(OPACITY).get_by_role("slider").nth(1).get_attribute("aria-valuenow") == "0.25"
+
+
+@pytest.mark.parametrize(("asked", "then"), [(Step.B, [Step.G, Step.B]), (Step.G, [Step.F, Step.G])])
+def test_without_g_the_scene_asks_for_what_it_did_before(
+    asked: Step, then: list[Step], browser_page: Page, session: Session
+) -> None:
+    scene = session.default_scene()
+    asking = replace(scene, refine=replace(scene.refine, finest=asked))
+    with notebook_cell(browser_page, session, controls=True, height=300, scene=asking) as cell:
+        to_g = cell.page.get_by_role("button", name="refine to G")
+
+        def shows(finest: Step) -> bool:
+            is_g = cell.widget.scene.refine.finest is Step.G
+            told = to_g.count() == 1 and to_g.get_attribute("aria-pressed") == str(is_g).lower()
+            return told and cell.widget.scene.refine.finest is finest
+
+        cell.until(lambda: shows(asked))
+        for finest in then:
+            to_g.click()
+            cell.until(partial(shows, finest))
 
 
 def test_labels_cannot_be_refined_to_g_and_say_why(browser_page: Page, tmp_path: Path) -> None:

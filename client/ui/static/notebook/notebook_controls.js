@@ -19,6 +19,7 @@ export class NotebookControls {
   #chips;
   #crisp = document.createElement("button");
   #withoutG = "";
+  #beforeG = "F"; // what the scene asked for
   /** @type {Record<string, TableEditor>} */
   #editors = {};
 
@@ -30,7 +31,7 @@ export class NotebookControls {
     this.#crisp.textContent = "refine to G";
     this.#crisp.addEventListener("click", () => {
       const on = this.#crisp.getAttribute("aria-pressed") === "true";
-      say({ type: "finest", finest: on ? "F" : "G" });
+      say({ type: "finest", finest: on ? this.#beforeG : "G" });
     });
   }
 
@@ -50,6 +51,7 @@ export class NotebookControls {
 
   /** A scene that asks for G where there is none can be led back. @param {string} finest */
   #showFinest(finest) {
+    if (finest !== "G") this.#beforeG = finest;
     this.#crisp.setAttribute("aria-pressed", String(finest === "G"));
     this.#crisp.disabled = this.#withoutG !== "" && finest !== "G";
   }
