@@ -16,6 +16,14 @@ DIMS = VOLUME["dims"]
 # A hand at the view, which is somewhere else than the focus.
 HOLD = "() => { const { steering, view } = volsplatViewport; steering.hold(); steering.drag(view, performance.now()); }"
 LET_GO = "() => volsplatViewport.steering.release(performance.now())"
+PRESS_AT_ONCE = """(presses) => {
+    for (const press of presses) {
+        const [key, held] = press.split("+").reverse();
+        const options = { key, ctrlKey: held === "Control", metaKey: held === "Meta", bubbles: true, cancelable: true };
+        document.activeElement.dispatchEvent(new KeyboardEvent("keydown", options));
+    }
+}"""
+LET_KEY_GO = "(key) => document.activeElement.dispatchEvent(new KeyboardEvent('keyup', { key, bubbles: true }))"
 SHOWN_IN_FRONT = ["lowest i", "end of i", "lowest k", "end of k"]  # j runs away from the viewer
 
 
@@ -93,6 +101,23 @@ def test_a_key_that_is_held_is_one_change(shown: ShownViewport) -> None:
     shown.page.keyboard.down("ArrowUp")
     shown.page.keyboard.press("Tab")  # the key's end is heard elsewhere
     assert shown.process.wait_for_settled("bounds")["low"] == [4, 0, 0]
+
+
+@pytest.mark.parametrize(("keys", "asked"), [("Control+z", "undo"), ("Meta+z", "undo"), ("Control+y", "redo")])
+def test_what_a_held_key_does_is_settled_before_it_is_undone(shown: ShownViewport, keys: str, asked: str) -> None:
+    tab_from_the_picture(shown)
+    # All at once, as where the page had no time for any of them.
+    shown.page.evaluate(PRESS_AT_ONCE, ["ArrowUp", "ArrowUp", keys])
+    shown.process.wait_for(asked)
+    said = [one for one in shown.process.heard if one["type"] in ("bounds", asked)]
+    assert (said[-1]["type"], said[-2]["settled"], said[-2]["low"]) == (asked, True, [2, 0, 0])
+    shown.process.say_scene()
+    shown.show_and_wait(event=said[-2]["event"])
+    shown.process.forget()
+    shown.page.evaluate(LET_KEY_GO, "ArrowUp")
+    shown.show_and_wait(event=said[-2]["event"])
+    assert shown.process.heard_of("bounds") == []
+    says(handle(shown, "lowest i"), 0, 0, DIMS[0] - 1)
 
 
 def test_with_shift_keys_move_both_ends(shown: ShownViewport) -> None:

@@ -172,6 +172,7 @@ export class BoundsBox {
 
   /** @param {KeyboardEvent} event @param {BoundsHandle} handle */
   #press(event, { face }) {
+    if (event.ctrlKey || event.metaKey) this.#letGo(event.timeStamp); // what is held is undone as well
     if (event.ctrlKey || event.altKey || event.metaKey || !(event.key in STEPS || event.key in NEXT)) return;
     event.preventDefault();
     event.stopPropagation();

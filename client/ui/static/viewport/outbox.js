@@ -33,6 +33,12 @@ export class Outbox {
     if (this.#pause === 0) this.#flush();
   }
 
+  /** Say what waits, before anything else is said. */
+  hurry() {
+    for (const message of this.#waiting.values()) this.#send(message);
+    this.#waiting.clear();
+  }
+
   /** Say anew what the person did after an event, since it may have been lost. @param {number} event */
   repeatAfter(event) {
     for (const message of this.#newest.values()) if (message.event > event) this.#send(message);
@@ -43,8 +49,7 @@ export class Outbox {
   }
 
   #flush() {
-    for (const message of this.#waiting.values()) this.#send(message);
-    this.#waiting.clear();
+    this.hurry();
     this.#pause = setTimeout(() => {
       this.#pause = 0;
       if (this.#waiting.size > 0) this.#flush();

@@ -168,10 +168,12 @@ export class Viewport {
   }
 
   undo() {
+    this.#outbox.hurry();
     this.#transport.send({ type: "undo" });
   }
 
   redo() {
+    this.#outbox.hurry();
     this.#transport.send({ type: "redo" });
   }
 
