@@ -175,6 +175,21 @@ def test_a_handle_keeps_the_focus_while_the_view_moves_and_is_not_seen(shown: Sh
     assert shown.page.get_by_role("slider").count() == 6
 
 
+def test_no_key_moves_a_face_while_the_view_moves(shown: ShownViewport) -> None:
+    tab_from_the_picture(shown)
+    shown.page.evaluate(HOLD)
+    shown.show_and_wait()
+    shown.process.forget()
+    for key in ("ArrowUp", "Shift+PageUp", "End"):
+        shown.page.keyboard.press(key)
+    shown.page.evaluate(LET_GO)
+    shown.process.wait_for_settled("view")
+    assert len(shown.process.heard_of("view")) == 1, "nor turns what a hand is at"
+    assert shown.process.heard_of("bounds") == []
+    shown.page.keyboard.press("ArrowUp")
+    assert shown.process.wait_for_settled("bounds")["low"] == [1, 0, 0]
+
+
 def test_a_handle_is_moved_also_where_its_axis_has_turned_to_the_viewer(shown: ShownViewport) -> None:
     tab_from_the_picture(shown)
     lowest = handle(shown, "lowest i")

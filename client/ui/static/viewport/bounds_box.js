@@ -177,7 +177,7 @@ export class BoundsBox {
     event.preventDefault();
     event.stopPropagation();
     if (event.key in NEXT) return this.#stops.go(NEXT[event.key]);
-    if (this.busy && this.#before === null) return; // a pointer drags it
+    if (this.#moving || (this.busy && this.#before === null)) return; // nobody sees it, or a pointer drags it
     this.#before ??= this.#bounds;
     this.busy = true;
     this.#move(this.#bounds, face, STEPS[event.key], event);
