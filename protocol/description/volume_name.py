@@ -14,6 +14,7 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.file_names import check_utf8, is_file_url, path_of, plain_url
 
 LONGEST_VOLUME_NAME = 4096  # letters: of a message that has it, and of a path of Linux
+MOST_SIGNS = 16  # of parts, of which each may be a letter of a path that is looked for
 
 
 class VolumeName(NamedTuple):
@@ -54,9 +55,14 @@ def volume_name(text: str, is_there: Callable[[str], bool] = os.path.exists) -> 
 
 
 def possible_places(text: str) -> list[str]:
-    """What may be the place that `text` names, the shortest first: up to a `#`, or all of it. Of a URL it is known."""
+    """What may be the place that `text` names, the shortest first: up to a `#`, or all of it. Of a URL it is known.
+
+    Of more `#` than check_name allows the last ones count.
+    """
     ends = [at for at, letter in enumerate(text) if letter == "#"]
-    return [text[:end] for end in (ends[:1] if ends and "://" in text else [*ends, len(text)])]
+    if ends and "://" in text:
+        return [text[: ends[0]]]
+    return [text[:end] for end in (*ends[-MOST_SIGNS:], len(text))]
 
 
 def absolute_name(text: str) -> str:
@@ -77,10 +83,15 @@ def check_is_there(text: str) -> None:
 
 
 def check_name(text: str) -> None:
-    """Raises BadInput for what no message can hold."""
+    """Raises BadInput for what no message can hold, and for more places to look at than anybody means."""
     check_utf8(text)
     if len(text) > LONGEST_VOLUME_NAME:
         raise BadInput(
             f"{text[:40]}…: a volume's name of {len(text)} letters is too long; "
             f"give a path and part of at most {LONGEST_VOLUME_NAME}"
+        )
+    if "://" not in text and (count := text.count("#")) > MOST_SIGNS:
+        raise BadInput(
+            f"{text[:40]}…: has {count} times the sign #, and a volume's name has it {MOST_SIGNS} times at most; "
+            "rename the file, or link to it by another name"
         )

@@ -10,7 +10,13 @@ from support.files.volume_files import values_of, written
 from volsplat.mapshade_server.held.packet_store import names_store
 from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.protocol.description.volume_name import absolute_name, check_is_there, volume_name
+from volsplat.protocol.description.volume_name import (
+    MOST_SIGNS,
+    absolute_name,
+    check_is_there,
+    possible_places,
+    volume_name,
+)
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -38,6 +44,29 @@ def test_what_is_there_as_it_stands_is_no_part_of_what_lies_beside_it(tmp_path: 
     for name in (whole, f"{whole}#2,t=1", f"{run}#1"):
         assert str(volume_name(name)) == name, "which another process takes for the same"
     check_is_there(f"{whole}#2")
+
+
+@pytest.mark.parametrize("text", ["#" * 4096, "/#" * 2048, "x/../#" * 682, "run.h5#/a" + "#" * MOST_SIGNS])
+def test_a_name_has_no_more_places_to_look_at_than_a_few(text: str) -> None:
+    assert len(possible_places(text)) == MOST_SIGNS + 1
+    looked: list[str] = []
+
+    def is_there(place: str) -> bool:
+        looked.append(place)
+        return False
+
+    with pytest.raises(
+        BadInput, match="^[^\n]*: has [0-9]+ times the sign #, and a volume's name has it 16 times at most; "
+    ):
+        volume_name(text, is_there)
+    assert looked == []
+    most = "run.h5#/a" + "#" * (MOST_SIGNS - 1)
+    assert volume_name(most, is_there).place == "run.h5"
+    assert len(looked) == MOST_SIGNS
+
+
+def test_of_a_url_s_part_no_sign_is_looked_for() -> None:
+    assert volume_name(f"https://host/a.zarr#{'#' * 100}") == ("https://host/a.zarr", "#" * 100)
 
 
 def test_a_part_may_be_longer_than_the_name_of_any_file(tmp_path: Path) -> None:

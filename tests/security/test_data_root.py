@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -18,6 +19,7 @@ from security.landlock import WITHOUT, has_landlock
 from support.patience import PATIENCE
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
+from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME, MOST_SIGNS
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput
@@ -73,6 +75,23 @@ def control(root: Path) -> Iterator[Connection]:
 def test_a_root_that_is_not_there_is_named(folder: str) -> None:
     with pytest.raises(BadInput, match=f"^--data-root {folder}: .*; name a folder of this machine$"):
         DataRoot(Path(folder))
+
+
+@pytest.mark.parametrize("begin", ["#", "/#", "x/../#", "x#/../"])
+def test_no_name_has_more_places_looked_at_than_a_few(root: Path, begin: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    held, looked = DataRoot(root), list[Path]()
+    resolve = Path.resolve
+
+    def counted(path: Path) -> Path:
+        looked.append(path)
+        return resolve(path)
+
+    monkeypatch.setattr(Path, "resolve", counted)
+    for count in (MOST_SIGNS, MOST_SIGNS + 1, (LONGEST_VOLUME_NAME - len(str(root)) - 1) // len(begin)):
+        looked.clear()
+        with suppress(BadInput):
+            held.check(f"{root}/{begin * count}")
+        assert len(looked) <= MOST_SIGNS + 1
 
 
 def described(control: Connection, name: str | Path) -> messages.Message:

@@ -45,7 +45,7 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.shading_tables import ScalarTable
-from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME
+from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME, MOST_SIGNS
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.folder_messages import MOST_ENTRIES
 from volsplat.protocol.text.errors import BadInput, PeerLost
@@ -359,6 +359,22 @@ def test_a_volume_whose_name_has_the_sign_of_parts_is_found_where_the_servers_se
         assert opened.name == whole.name
 
     opened.within(work)
+
+
+def test_servers_are_not_asked_for_each_of_many_signs_of_parts(opened: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    listed = opened.opening.listed
+
+    def counted(folder: str, words: str) -> messages.FolderListed:
+        asked.append(words)
+        return listed(folder, words)
+
+    monkeypatch.setattr(opened.opening, "listed", counted)
+    with pytest.raises(BadInput, match="4090 times the sign #"):
+        opened.opening.place_named("", "head" + "#" * 4090)
+    assert asked == []
+    assert opened.opening.place_named("", f"head.nrrd{'#' * MOST_SIGNS}") == HEAD._replace(part="#" * (MOST_SIGNS - 1))
+    assert len(asked) <= MOST_SIGNS + 1
 
 
 def test_a_part_of_a_name_stands_for_the_only_one_that_has_it_first_of_those_that_begin_so(opened: Opened) -> None:
