@@ -33,9 +33,23 @@ class ZarrPlace(NamedTuple):
     store: Any
     prefix: str = ""
     above: "Callable[[str], ZarrPlace] | None" = None  # opens the places that hold this one, if there may be some
+    seen: dict[str, Any] | None = None  # the nodes that were looked at, where each look is a request or several
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether each look at it is a request, which takes a while."""
+        return self.seen is not None
 
     def node(self, path: str) -> Any:
         """The array or group at `path`, None if there is none."""
+        path = path.strip("/")
+        if self.seen is None:
+            return self._opened(path)
+        if path not in self.seen:
+            self.seen[path] = self._opened(path)
+        return self.seen[path]
+
+    def _opened(self, path: str) -> Any:
         try:
             with bounded_codecs():
                 return self.zarr.open(store=self.store, path=f"{self.prefix}{path}".strip("/"), mode="r")
@@ -87,7 +101,7 @@ def remote(name: str) -> ZarrPlace:
         raise BadInput(f"{name}: {scheme}:// {cure}") from None
     except ValueError:
         raise BadInput(f"{name}: nothing is known of {scheme}://; http, https, s3 and file are read") from None
-    return ZarrPlace(name, zarr, store, above=remote)
+    return ZarrPlace(name, zarr, store, above=remote, seen={})
 
 
 def file_system(name: str) -> Any:

@@ -11,6 +11,7 @@ from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.reading.parts import Part
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Multiscale, multiscale_of
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import PACKET_STORE
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_paths import ZarrPaths
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, MOST_ABOVE, ZarrPlace, folder
 from volsplat.protocol.text.errors import BadInput
 
@@ -30,13 +31,13 @@ class FoundArray(NamedTuple):
 
 def named_array(part: str, place: ZarrPlace) -> FoundArray:
     """The array that a part of a name means. Raises BadInput if there is none, or several and none is named."""
-    return found_array(array_part(place.name, part, lambda path: _is_path(path, place)), place)
-
-
-def _is_path(path: str, place: ZarrPlace) -> bool:
-    """Whether an array or group is there, or may have a level of that number."""
-    group, _, number = path.rpartition("/")
-    return place.node(path) is not None or (number.isdecimal() and place.node(group) is not None)
+    paths = ZarrPaths(place)
+    try:
+        return found_array(array_part(place.name, part, paths.has), place)
+    except BadInput:
+        if not paths.left_out:
+            raise
+        return found_array(array_part(place.name, part, ZarrPaths(place, thorough=True).has), place)
 
 
 def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:

@@ -6,6 +6,7 @@ import shutil
 import socket
 import struct
 import sys
+import warnings
 import zipfile
 from collections.abc import Callable
 from http import HTTPStatus
@@ -23,6 +24,7 @@ from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box
+from volsplat.protocol.description.volume_name import LONGEST_VOLUME_NAME
 from volsplat.protocol.text.errors import BadInput
 
 zarr = pytest.importorskip("zarr")
@@ -205,6 +207,52 @@ def test_arrays_are_chosen_though_their_paths_look_like_options(tmp_path: Path) 
                 np.testing.assert_array_equal(read_whole(f"{place}#{part}"), LEVELS[level])
             with pytest.raises(BadInput, match="has no “day=2/7”; its levels are 0 to 1"):
                 open_volume(f"{place}#day=2/7")
+
+
+OPTIONS = ["axis0=0", "axis0=0,unit=mm", "axis0=0,unit=mm,spacing=1x1x2", "axis0=0,unit=mm/3"]
+
+
+@pytest.mark.parametrize("consolidated", [False, True])
+@pytest.mark.parametrize("version", [2, 3])
+def test_options_cost_one_request_more_at_most(version: int, consolidated: bool, tmp_path: Path) -> None:
+    path = tmp_path / "v.zarr"
+    group = zarr.open_group(path, mode="w", zarr_format=version)
+    group.create_array("a", data=np.stack([cube(4)] * 2))
+    group.create_array("b,axis0=1", data=np.stack([cube(4), cube(4) + 1]))
+    group.create_array("b", data=np.stack([cube(4) + 2] * 2))
+    if consolidated:
+        with warnings.catch_warnings(action="ignore"):  # that version 3 has no such thing yet
+            zarr.consolidate_metadata(path)
+    with served(tmp_path) as web:
+        with pytest.raises(BadInput, match="choose an index of axis3"):
+            open_volume(f"{web.url}/v.zarr#a")
+        without = len(web.asked)
+        for options in OPTIONS:
+            web.asked.clear()
+            open_volume(f"{web.url}/v.zarr#a,{options}")
+            of_options = [asked for asked in web.asked if "=" in asked]
+            assert len(of_options) <= (0 if consolidated else 1), of_options
+            assert len(web.asked) <= without + len(of_options)
+        for part in ("b,axis0=1,axis0=1", "/b,axis0=1,axis0=1"):
+            np.testing.assert_array_equal(read_whole(f"{web.url}/v.zarr#{part}"), cube(4) + 1)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_options_of_an_array_that_is_the_place_itself_cost_none(version: int, tmp_path: Path) -> None:
+    array(tmp_path / "v.zarr", np.stack([cube(4)] * 2), chunks=(1, 4, 4, 4), zarr_format=version)
+    with served(tmp_path) as web:
+        open_volume(f"{web.url}/v.zarr#axis0=0,unit=mm")
+        assert not [asked for asked in web.asked if "=" in asked]
+
+
+@pytest.mark.parametrize("kind", ["folder", "zip"])
+@pytest.mark.parametrize("unit", ["mm/../x", "./m", "//m", "a\0b", "x" * 300, "x/5", f"{'x/' * 2000}0"])
+def test_an_option_that_can_be_no_path_is_an_option(unit: str, kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "v.zarr"
+    zarr.open_group(path, mode="w").create_array("a", data=np.stack([cube(4)] * 2))
+    place = path if kind == "folder" else zipped(path)
+    if len(f"{place}#a,axis0=1,unit={unit}") <= LONGEST_VOLUME_NAME:
+        np.testing.assert_array_equal(read_whole(f"{place}#a,axis0=1,unit={unit}"), cube(4))
 
 
 @pytest.mark.parametrize("version", [2, 3])

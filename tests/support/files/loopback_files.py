@@ -27,6 +27,7 @@ class Served:
 
     url: str = ""
     sent: list[tuple[str, int]] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)  # paths, be they there or not
     status: int = HTTPStatus.OK  # another one is the answer to everything
     lets_go: threading.Event = field(default_factory=_set)  # while it is not set, all but JSON is held back
     waiting: list[str] = field(default_factory=list)  # paths that are held back
@@ -51,6 +52,7 @@ def served(folder: Path) -> Iterator[Served]:
             self.do_GET()
 
         def do_GET(self) -> None:
+            state.asked.append(unquote(self.path).strip("/"))
             path = folder / unquote(self.path).strip("/")
             path = path / "index.html" if path.is_dir() else path
             if state.status != HTTPStatus.OK or not path.is_file():
