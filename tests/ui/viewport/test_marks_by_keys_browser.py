@@ -120,6 +120,41 @@ def test_what_a_held_key_does_is_settled_before_it_is_undone(shown: ShownViewpor
     says(handle(shown, "lowest i"), 0, 0, DIMS[0] - 1)
 
 
+OF_ANOTHER_TAB = {"low": [0, 0, 0], "high": [*DIMS[:2], 30]}  # which has not heard of what is done here
+
+
+def test_a_key_that_is_held_leaves_what_another_tab_does_to_other_faces(shown: ShownViewport) -> None:
+    tab_from_the_picture(shown)
+    shown.page.keyboard.down("ArrowUp")
+    shown.process.wait_for("bounds")
+    shown.process.say_scene(by="t2", bounds=OF_ANOTHER_TAB)
+    shown.show_and_wait()
+    shown.page.keyboard.up("ArrowUp")
+    said = shown.process.wait_for_settled("bounds")
+    assert (said["low"], said["high"]) == ([1, 0, 0], OF_ANOTHER_TAB["high"])
+    says(handle(shown, "lowest i"), 1, 0, DIMS[0] - 1)
+    says(handle(shown, "end of k"), 30, 1, DIMS[2])
+
+
+def test_what_was_done_here_stays_until_others_can_have_heard_of_it(shown: ShownViewport) -> None:
+    tab_from_the_picture(shown)
+    shown.page.keyboard.press("ArrowUp")
+    shown.process.wait_for_settled("bounds")
+    shown.process.say_scene(by="t2", bounds=OF_ANOTHER_TAB)
+    shown.show_and_wait()
+    says(handle(shown, "lowest i"), 1, 0, DIMS[0] - 1)
+    says(handle(shown, "end of k"), 30, 1, DIMS[2])
+    shown.process.forget()
+    shown.page.keyboard.press("ArrowRight")
+    shown.page.keyboard.press("ArrowDown")
+    said = shown.process.wait_for_settled("bounds")
+    assert (said["low"], said["high"]) == ([1, 0, 0], [DIMS[0] - 1, DIMS[1], 30])
+    shown.process.say_scene(by="t2", bounds=OF_ANOTHER_TAB)
+    shown.show_and_wait(event=said["event"])
+    says(handle(shown, "lowest i"), 0, 0, DIMS[0] - 1)
+    says(handle(shown, "end of i"), DIMS[0], 1, DIMS[0])
+
+
 def test_with_shift_keys_move_both_ends(shown: ShownViewport) -> None:
     shown.process.say_scene(bounds={"low": [10, 0, 0], "high": [20, *DIMS[1:]]})
     shown.show_and_wait()

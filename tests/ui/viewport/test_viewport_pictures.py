@@ -211,6 +211,51 @@ def test_a_handle_stops_at_the_volume_and_at_its_partner(
         assert {"low": said["low"], "high": said["high"]} == expected
 
 
+@pytest.mark.parametrize("with_shift", [False, True])
+def test_a_drag_leaves_what_another_tab_does_to_other_faces(shown: ShownViewport, with_shift: bool) -> None:
+    _, j, k = VOLUME["dims"]
+    shown.process.say_scene(bounds={"low": [0, 0, 0], "high": [20, j, k]})
+    shown.show_and_wait()
+    x, y = place_of(handle(shown, "low-i"))
+    _, top = place_of(handle(shown, "high-k"))
+    shown.page.mouse.move(x, y)
+    shown.page.mouse.down()
+    if with_shift:
+        shown.page.keyboard.down("Shift")
+    shown.page.mouse.move(x + 10 * PIXELS_PER_VOXEL, y, steps=4)
+    shown.process.wait_for("bounds")
+    shown.process.say_scene(by="t2", settled=False, bounds={"low": [0, 0, 0], "high": [20, j, k - 5]})
+    shown.show_and_wait()
+    expect(shown.page.get_by_text("lowest i = 10")).to_be_visible()
+    assert place_of(handle(shown, "low-i"))[0] == pytest.approx(x + 10 * PIXELS_PER_VOXEL, abs=HALF_A_CSS_PIXEL)
+    moved = abs(place_of(handle(shown, "high-k"))[1] - top)
+    assert moved == pytest.approx(5 * 2 * PIXELS_PER_VOXEL, abs=HALF_A_CSS_PIXEL)
+    shown.process.forget()
+    shown.page.mouse.move(x + 12 * PIXELS_PER_VOXEL, y, steps=2)
+    shown.page.mouse.up()
+    shown.page.keyboard.up("Shift")
+    said = shown.process.wait_for_settled("bounds")
+    assert (said["low"], said["high"]) == ([12, 0, 0], [32 if with_shift else 20, j, k - 5])
+
+
+def test_a_dragged_face_stops_at_its_partner_where_another_tab_puts_it(shown: ShownViewport) -> None:
+    _, j, k = VOLUME["dims"]
+    x, y = place_of(handle(shown, "low-i"))
+    shown.page.mouse.move(x, y)
+    shown.page.mouse.down()
+    shown.page.mouse.move(x + 10 * PIXELS_PER_VOXEL, y, steps=4)
+    shown.process.wait_for("bounds")
+    shown.process.say_scene(by="t2", bounds={"low": [0, 0, 0], "high": [5, j, k]})
+    shown.show_and_wait()
+    expect(shown.page.get_by_text("lowest i = 4")).to_be_visible()
+    shown.page.mouse.move(x + 2 * PIXELS_PER_VOXEL, y)
+    expect(shown.page.get_by_text("lowest i = 2")).to_be_visible()
+    shown.page.mouse.move(x + 9 * PIXELS_PER_VOXEL, y)
+    shown.page.mouse.up()
+    said = shown.process.wait_for_settled("bounds")
+    assert (said["low"], said["high"]) == ([4, 0, 0], [5, j, k])
+
+
 @pytest.mark.parametrize(("voxels", "expected"), [(5, (15, 25)), (100, (54, 64)), (-100, (0, 10))])
 def test_a_handle_moves_the_whole_slab_with_shift(shown: ShownViewport, voxels: int, expected: tuple[int, int]) -> None:
     shown.process.say_scene(bounds={"low": [10, 0, 0], "high": [20, *VOLUME["dims"][1:]]})

@@ -10,6 +10,7 @@ export const AXES = "ijk";
 /** @typedef {import("../viewport/rotation.js").Vector} Vector */
 /** @typedef {{low: Vector, high: Vector}} Bounds half-open */
 /** @typedef {{axis: number, end: "low" | "high"}} Face */
+/** @typedef {Map<Face, number>} Moved where faces were put, each of FACES */
 
 /** @type {Face[]} */
 export const FACES = [0, 1, 2].flatMap((axis) => /** @type {Face[]} */ ([{ axis, end: "low" }, { axis, end: "high" }]));
@@ -19,26 +20,36 @@ export function placeOf(bounds, { axis, end }) {
   return bounds[end][axis];
 }
 
-/** How far it can go: a voxel at least is left. @param {Bounds} bounds @param {Face} face @param {number[]} dims */
+/** How far it can go: a voxel at least is left. @param {Bounds} bounds @param {Face} face @param {number[]} dims @returns {[number, number]} */
 export function reachOf({ low, high }, { axis, end }, dims) {
   return end === "low" ? [0, high[axis] - 1] : [low[axis] + 1, dims[axis]];
 }
 
-/** The bounds with one face moved. @param {Bounds} began @param {Face} face @param {number} voxels @param {number[]} dims @returns {Bounds} */
-export function faceMoved(began, face, voxels, dims) {
-  const [least, most] = reachOf(began, face, dims);
-  return { ...began, [face.end]: shifted(began[face.end], face.axis, clamped(placeOf(began, face) + voxels, least, most)) };
+/**
+ * Where one face goes that is moved.
+ * @param {Bounds} began @param {Face} face @param {number} voxels from where it began
+ * @param {Bounds} now which may be other ones than when it began @param {number[]} dims
+ * @returns {Moved}
+ */
+export function faceMoved(began, face, voxels, now, dims) {
+  return new Map([[face, clamped(placeOf(began, face) + voxels, ...reachOf(now, face, dims))]]);
 }
 
-/** The bounds with a face and the one across moved alike. @type {typeof faceMoved} */
-export function slabMoved({ low, high }, { axis }, voxels, dims) {
-  const by = clamped(voxels, -low[axis], dims[axis] - high[axis]);
-  return { low: shifted(low, axis, low[axis] + by), high: shifted(high, axis, high[axis] + by) };
+/** Where a face and the one across go that are moved alike. @type {typeof faceMoved} */
+export function slabMoved(began, { axis }, voxels, _now, dims) {
+  const by = clamped(voxels, -began.low[axis], dims[axis] - began.high[axis]);
+  return new Map(FACES.filter((face) => face.axis === axis).map((face) => [face, placeOf(began, face) + by]));
 }
 
-/** @returns {Vector} */
-function shifted(corner, axis, place) {
-  return corner.map((part, n) => (n === axis ? place : part));
+/**
+ * The bounds with faces where they were put, but for one that would be past the one across.
+ * @param {Bounds} bounds @param {Moved} moved @param {number[]} dims @returns {Bounds}
+ */
+export function laidOver(bounds, moved, dims) {
+  const laid = /** @type {Bounds} */ ({ low: [...bounds.low], high: [...bounds.high] });
+  for (const [{ axis, end }, place] of moved) laid[end][axis] = place;
+  for (const [face, place] of moved) laid[face.end][face.axis] = clamped(place, ...reachOf(laid, face, dims));
+  return laid;
 }
 
 function clamped(value, least, most) {

@@ -2,7 +2,7 @@
 // Shift the one across as well. Keys do the same; what they do is settled once the key is let go, as a drag is.
 
 import { BoundsHandle } from "../bounds/bounds_handle.js";
-import { FACES, edgesOf, faceMoved, middleOf, placeOf, slabMoved } from "../bounds/box_faces.js";
+import { FACES, edgesOf, faceMoved, laidOver, middleOf, placeOf, slabMoved } from "../bounds/box_faces.js";
 import { Roving } from "../browser/roving.js";
 import { onTheme } from "../browser/theme.js";
 import { Projection } from "./camera.js";
@@ -17,6 +17,7 @@ const NEXT = { ArrowRight: 1, ArrowLeft: -1 };
 
 /** @typedef {import("../bounds/box_faces.js").Bounds} Bounds */
 /** @typedef {import("../bounds/box_faces.js").Face} Face */
+/** @typedef {import("../bounds/box_faces.js").Moved} Moved */
 /** @typedef {import("./camera.js").Grid} Grid */
 /** @typedef {import("./frame.js").Frame} Frame */
 
@@ -29,8 +30,11 @@ export class BoundsBox {
   #label = svg("text", { class: "vs-handle-label" });
   #pointed = /** @type {BoundsHandle | null} */ (null);
   #focused = /** @type {BoundsHandle | null} */ (null);
-  #bounds = /** @type {Bounds | null} */ (null);
-  #before = /** @type {Bounds | null} */ (null); // what keys have moved that are still held
+  #told = /** @type {Bounds | null} */ (null);
+  #done = /** @type {Moved} */ (new Map()); // by hands here, and perhaps not in what is told
+  #hand = /** @type {Moved} */ (new Map()); // by the one that is at it
+  #bounds = /** @type {Bounds | null} */ (null); // what is told with all that over it
+  #held = false; // whether the hand is at a key
   #projection = /** @type {Projection | null} */ (null);
   #frame = /** @type {Frame | null} */ (null);
   #moving = false;
@@ -51,9 +55,19 @@ export class BoundsBox {
     this.busy = false;
   }
 
-  /** @param {Bounds} bounds */
-  set bounds(bounds) {
-    this.#bounds = bounds;
+  /**
+   * Take over what is told, where others may have moved other faces.
+   * @param {Bounds} bounds @param {boolean} whole whether all that was done here is in them
+   */
+  follow(bounds, whole) {
+    if (bounds === this.#told && (!whole || this.#done.size === 0)) return;
+    this.#told = bounds;
+    if (whole) this.#done.clear();
+    this.#lay();
+  }
+
+  #lay() {
+    this.#bounds = laidOver(this.#told, new Map([...this.#done, ...this.#hand]), this.#grid.dims);
     this.#draw();
   }
 
@@ -143,31 +157,43 @@ export class BoundsBox {
       "pointermove",
       (event) => {
         const voxels = ((event.clientX - down.clientX) * sx + (event.clientY - down.clientY) * sy) / pixels;
-        this.#move(began, face, Math.round(voxels), event);
+        const now = laidOver(this.#told, this.#done, this.#grid.dims);
+        this.#move(this.#moved(began, face, Math.round(voxels), now, event), face, event);
       },
       { signal },
     );
     const end = (event) => {
       moving.abort();
-      this.#settle(began, event.timeStamp);
+      this.#settle(event.timeStamp);
     };
     element.addEventListener("pointerup", end, { signal });
     element.addEventListener("pointercancel", end, { signal });
   }
 
-  /** With Shift both faces. @param {Bounds} began @param {Face} face @param {number} voxels @param {MouseEvent | KeyboardEvent} event */
-  #move(began, face, voxels, event) {
-    const bounds = (event.shiftKey ? slabMoved : faceMoved)(began, face, voxels, this.#grid.dims);
-    if (placeOf(bounds, face) === placeOf(this.#bounds, face)) return;
-    this.bounds = bounds;
-    this.#drag(bounds, false, event.timeStamp);
+  /**
+   * With Shift both faces.
+   * @param {Bounds} began @param {Face} face @param {number} voxels @param {Bounds} now @param {MouseEvent | KeyboardEvent} event
+   */
+  #moved(began, face, voxels, now, event) {
+    return (event.shiftKey ? slabMoved : faceMoved)(began, face, voxels, now, this.#grid.dims);
   }
 
-  /** @param {Bounds} began @param {number} at */
-  #settle(began, at) {
+  /** @param {Moved} moved all that the hand has moved @param {Face} face @param {MouseEvent | KeyboardEvent} event */
+  #move(moved, face, event) {
+    if (moved.get(face) === placeOf(this.#bounds, face)) return;
+    this.#hand = moved;
+    this.#lay();
+    this.#drag(this.#bounds, false, event.timeStamp);
+  }
+
+  /** @param {number} at */
+  #settle(at) {
+    const moved = this.#hand.size > 0;
     this.busy = false;
+    this.#done = new Map([...this.#done, ...this.#hand]);
+    this.#hand = new Map();
     this.#say();
-    if (this.#bounds !== began) this.#drag(this.#bounds, true, at);
+    if (moved) this.#drag(this.#bounds, true, at);
   }
 
   /** @param {KeyboardEvent} event @param {BoundsHandle} handle */
@@ -177,19 +203,18 @@ export class BoundsBox {
     event.preventDefault();
     event.stopPropagation();
     if (event.key in NEXT) return this.#stops.go(NEXT[event.key]);
-    if (this.#moving || (this.busy && this.#before === null)) return; // nobody sees it, or a pointer drags it
-    this.#before ??= this.#bounds;
-    this.busy = true;
-    this.#move(this.#bounds, face, STEPS[event.key], event);
+    if (this.#moving || (this.busy && !this.#held)) return; // nobody sees it, or a pointer drags it
+    this.#held = this.busy = true;
+    const moved = this.#moved(this.#bounds, face, STEPS[event.key], this.#bounds, event);
+    this.#move(new Map([...this.#hand, ...moved]), face, event);
     this.#say();
   }
 
   /** The keys are let go. @param {number} at */
   #letGo(at) {
-    if (this.#before === null) return;
-    const began = this.#before;
-    this.#before = null;
-    this.#settle(began, at);
+    if (!this.#held) return;
+    this.#held = false;
+    this.#settle(at);
   }
 
   /** @param {BoundsHandle | null} handle */

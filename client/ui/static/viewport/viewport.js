@@ -321,14 +321,16 @@ export class Viewport {
     }
   }
 
-  /** Take what others have made of the scene, unless it may be older than what was done here. */
+  /** Take what others have made of the scene, but for what may be older than what was done here. */
   #takeOver() {
-    if (this.#scene === null || this.#contained < this.#outbox.event || this.steering.busy) return;
-    const { view, width, height } = this.#scene;
+    if (this.#scene === null) return;
+    const { view, width, height, bounds } = this.#scene;
+    const whole = this.#contained >= this.#outbox.event;
+    this.#marks?.box.follow(bounds, whole);
+    if (!whole || this.steering.busy) return;
     this.steering.follow(view, { width, height });
     if (this.#marks === null || this.#marks.box.busy) return;
-    this.#marks.box.bounds = this.#scene.bounds;
-    if (this.slices !== null) this.slices.bounds = this.#scene.bounds;
+    if (this.slices !== null) this.slices.bounds = bounds;
   }
 
   // -- the rest
