@@ -130,7 +130,11 @@ class Pacing:
         if slow and even >= _RARE:
             return
         self._images += 1
-        may_learn = self._images <= _LEARNT and not self._first and not rung.is_whole
+        if rung.is_whole:
+            self._pace[rung.step] = math.sqrt(pace * seconds)
+            self._forget(rung.step, 0.5)
+            return
+        may_learn = self._images <= _LEARNT and not self._first
         if not (may_learn and self._learns(rung, seconds / pace)):
             weight = max(_NEWEST_WEIGHT, 1 / (1 + self._images)) if self._first else _NEWEST_WEIGHT
             self._pace[rung.step] = pace + weight * (seconds / self._cost(rung) - pace)
