@@ -40,7 +40,8 @@ _LEARN_TO = 2.0  # by which factor a cost may turn out to be other than is likel
 _FORGOTTEN = 0.005  # of what was learnt, with each image
 _HICCUP = 2.0  # times as long as expected: an image that takes more is no news,
 _RARE = 10  # if so many before it did not
-_MARGIN = 0.85  # of the time between two images that a better one may take; what is drawn already may take all of it
+_MARGIN = 0.85  # of the time between two images that a better one may take,
+_KEPT = 0.9  # and what is drawn already: its way to the canvas takes time, too
 _VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save, and fewer voxels save
 _FEWER_SAVE = 0.6  # power of the share of the voxels, of which that time is
 
@@ -174,7 +175,7 @@ class Pacing:
         chosen = rungs[0]
         for place, rung in enumerate(rungs if better else rungs[: drawn + 1]):
             seconds = self.expected(rung)
-            if seconds is not None and seconds <= INTERVAL * (1.0 if place <= drawn else _MARGIN):
+            if seconds is not None and seconds <= INTERVAL * (_KEPT if place <= drawn else _MARGIN):
                 chosen = rung
         return chosen
 
