@@ -101,6 +101,8 @@ class Coordinator:
         """Take one event. Raises nothing: what goes wrong is an instruction."""
         if self.failure is not None:
             return self._refused_after_failure(event, self.failure)
+        if isinstance(event, FrameAsked):
+            self.sharing.frame_asked()
         owner, handler = self._handlers[type(event)]
         told: list[Instruction] = handler.method(owner, event)
         return [*told, *self._go_on()]

@@ -13,6 +13,8 @@ from volsplat.client.coordinator.work_shares import WorkShares
 _STAY = "the sub-cubes stay where they are"
 _ANEW = "the volume is read anew for the next image"
 _NO_HEIR = "nobody takes over what was lost"
+TRIED_AGAIN_AFTER = 8  # frames that are asked for, and then after twice as many each time,
+_SELDOM = 1024  # up to so many
 
 
 class SharingOut:
@@ -27,6 +29,9 @@ class SharingOut:
         self._routes = routes
         self._work = work
         self.ahead = ReadingAhead(holding)
+        self._frames = 0  # that were asked for since nobody took over what was lost
+        self._patience = TRIED_AGAIN_AFTER
+        self._told = ""  # why nobody did
 
     @property
     def heals(self) -> bool:
@@ -38,6 +43,15 @@ class SharingOut:
         """By servers that are there, or missing and known to be."""
         held = [*self._servers.missing, *(box for boxes in self._holding.boxes.values() for box in boxes)]
         return sum(box.voxels for box in held) == self._holding.description.geometry.box.voxels
+
+    def frame_asked(self) -> None:
+        """What nobody could take over is tried again, ever more seldom: a file comes back, and memory is freed."""
+        if self._holding.assignments.may_move or not self._servers.missing:
+            return
+        self._frames += 1
+        if self._frames >= self._patience:
+            self._frames, self._patience = 0, min(2 * self._patience, _SELDOM)
+            self._holding.assignments.may_move = True
 
     def share(self, *, at_once: bool, may_be_whole: bool) -> list[Instruction]:
         """Have what was lost taken over, newcomers get a part, or sub-cubes change hands where that pays.
@@ -55,6 +69,7 @@ class SharingOut:
                 return []
             heirs = taken_over(missing, holding.boxes, newcomers, *where)
             return self._make_good(heirs, at_once=at_once, may_be_whole=may_be_whole)
+        self._frames, self._patience, self._told = 0, TRIED_AGAIN_AFTER, ""
         if newcomers and holding.may_change and (anew := shared_anew(holding.boxes, newcomers, *where)):
             return [ReportProgress("sharing out the volume among more servers"), *self._hold(anew)]
         return self._work.move()
@@ -84,11 +99,13 @@ class SharingOut:
             return []
         self.ahead.ends()
         self._holding.assignments.may_move = False
-        return [self._left_missing(why)]
+        return self._left_missing(why)
 
-    def _left_missing(self, why: str) -> Instruction:
+    def _left_missing(self, why: str) -> list[Instruction]:
+        """Told once for each cause, however often it is tried again."""
         self._servers.note_missing(why)
-        return ReportLoss(f"{why}; {_NO_HEIR}")
+        before, self._told = self._told, why
+        return [ReportLoss(f"{why}; {_NO_HEIR}")] if why != before else []
 
     def tell_refused(self) -> list[Instruction]:
         """Once all have answered: what becomes of an assignment that somebody has refused, and why."""
@@ -97,7 +114,10 @@ class SharingOut:
             return []
         if not self.all_is_held:
             self._servers.take_back()
-            return [self._left_missing(why)]
+            if self._servers.idle():  # who has joined since may have what it takes
+                assignments.may_move = True
+                return []
+            return self._left_missing(why)
         if not assignments.moving:  # whoever waits for it was told
             return []
         return [ReportProgress(f"{why}; {_ANEW if holding.phase is Phase.EMPTY else _STAY}")]

@@ -69,6 +69,7 @@ from volsplat.client.coordinator.events.instructions import (
 from volsplat.client.coordinator.holding.phase import Phase
 from volsplat.client.coordinator.server_states import ImageIncomplete, losses
 from volsplat.client.coordinator.servers import KEPT_OUT, LOST_AGAIN, MOST_LOSSES, Servers
+from volsplat.client.coordinator.sharing_out import TRIED_AGAIN_AFTER
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.refinement_steps import Step
@@ -620,6 +621,39 @@ def test_what_others_cannot_read_is_missing_until_a_server_joins(ahead: bool) ->
     told = [one for event in joins(LATE) for one in coordinator.handle(event)]
     assert [one.boxes for one in to_read(told).values()] == [[LOWER]], "what is held need not be read"
     assert boxes_told(read_ahead(coordinator, told)) == {SECOND: [UPPER], LATE.server: [LOWER]}
+
+
+def test_a_server_that_joins_before_others_refuse_is_asked_next() -> None:
+    coordinator = drawing()
+    lose_first(coordinator)
+    for event in joins(LATE):
+        coordinator.handle(event)
+    told = coordinator.handle(said(SECOND, messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)))
+    assert NO_HEIR not in told and [one.boxes for one in to_read(told).values()] == [[LOWER]]
+    assert boxes_told(read_ahead(coordinator, told)) == {SECOND: [UPPER], LATE.server: [LOWER]}
+
+
+def asked_again(coordinator: CheckedCoordinator, frames: int, first: int) -> list[list[Instruction]]:
+    """What comes of so many frames that want the whole volume."""
+    return [coordinator.handle(FrameAsked(first + n, SCENE, Step.F, require_complete=True)) for n in range(frames)]
+
+
+def test_what_nobody_could_read_is_tried_again_after_ever_more_frames_and_told_once() -> None:
+    coordinator, frame = drawing(), 2
+    coordinator.handle(ServerLost(FIRST, GONE))
+    refused = said(SECOND, messages.Refused("ReadAhead", "no memory", held=1))
+    assert NO_HEIR in coordinator.handle(refused)
+    for frames in (TRIED_AGAIN_AFTER, 2 * TRIED_AGAIN_AFTER):
+        *before, last = asked_again(coordinator, frames, frame)
+        frame += frames
+        assert all("nobody takes over: no memory" in ended_by(told) for told in before)
+        assert to_read(last)[SECOND].boxes == [ALL] and not any(isinstance(i, EndFrame) for i in last), "it waits"
+        ended = coordinator.handle(refused)
+        assert NO_HEIR not in ended and "no memory" in ended_by(ended)
+    *_, last = asked_again(coordinator, 4 * TRIED_AGAIN_AFTER, frame)
+    assert boxes_told(read_ahead(coordinator, last)) == {SECOND: [ALL]}
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0.1)))
+    assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
 def shared_by_three() -> CheckedCoordinator:
