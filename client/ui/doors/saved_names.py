@@ -12,20 +12,17 @@ def saved_name(stem: str, ending: str) -> str:
     """The name that a person has typed, with its ending. Raises BadInput for what names no file."""
     if not re.fullmatch(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]*", stem) or not stem.strip():
         raise BadInput("name: give one of more than blanks that does not begin with a dot, without slashes")
-    if not _is_utf8(stem):
-        raise BadInput("name: it has a letter that UTF-8 cannot hold; type it anew")
     name = f"{stem}{ending}"
-    if len(name.encode()) > LONGEST_NAME:
+    try:
+        length = len(name.encode())
+    except UnicodeEncodeError:  # half a pair of UTF-16, which a browser may send
+        raise BadInput("name: it has a letter that UTF-8 cannot hold; type it anew") from None
+    if length > LONGEST_NAME:
         raise BadInput(
-            f"name: it takes {len(name.encode())} bytes with {ending}, and a file's takes {LONGEST_NAME} at most; "
+            f"name: it takes {length} bytes with {ending}, and a file's takes {LONGEST_NAME} at most; "
             "give a shorter one"
         )
     return name
-
-
-def _is_utf8(text: str) -> bool:
-    """Not so of half a pair of UTF-16, which a browser may send."""
-    return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
 def stem_of(volume: str) -> str:
