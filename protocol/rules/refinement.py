@@ -42,8 +42,8 @@ def finest_step(scene: Scene) -> Step:
     return scene.refine.finest
 
 
-def finest_moving_step(scene: Scene) -> Step:
-    """The finest that is drawn of a scene that moves."""
+def finest_paper_step(scene: Scene) -> Step:
+    """The finest of the paper's that the scene asks for: none after it is drawn while things move."""
     return min(finest_step(scene), PAPER_STEPS[-1])
 
 

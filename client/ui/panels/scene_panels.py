@@ -21,6 +21,7 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene_key import PartOf, Switch
 from volsplat.protocol.description.scene_keys import KEYS, SceneKey
+from volsplat.protocol.rules.refinement import FINEST
 
 
 class ScenePanel(NamedTuple):
@@ -104,7 +105,7 @@ def _has_effect(key: SceneKey, viewing: Viewing) -> bool:
 
 def _refused(key: SceneKey, viewing: Viewing) -> dict[Any, str]:
     """The values of which the volume has no picture, and why."""
-    if key.place != "refine.finest":
+    if key.place != FINEST:
         return {}
     whys = {step: viewing.volume.why_without(step) for step in Step}
     return {step: why for step, why in whys.items() if why}

@@ -29,7 +29,7 @@ from volsplat.protocol.rules.refinement import (
     distinct_steps,
     drawn_alike,
     finer,
-    finest_moving_step,
+    finest_paper_step,
     finest_step,
     stands_for,
 )
@@ -227,7 +227,7 @@ class DrawingLoop:
         rests_at = time.monotonic() + REST_SECONDS
         if first in PAPER_STEPS:
             with turn.taken(urgency, self._lost_at):
-                self._refine_from(first, finest_moving_step(state.scene), state, turn)
+                self._refine_from(first, finest_paper_step(state.scene), state, turn)
         if finest not in PAPER_STEPS and self._rests_until(rests_at):
             with turn.taken(Urgency.AT_REST if first in PAPER_STEPS else urgency, self._lost_at):
                 self._refine_from(finest, finest, state, turn)

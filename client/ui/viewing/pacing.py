@@ -21,7 +21,7 @@ from volsplat.protocol.description.refinement_steps import Step
 from volsplat.protocol.description.scene import Kernel, Scene
 from volsplat.protocol.rules.footprint_shape import kernel_radius
 from volsplat.protocol.rules.levels import ALL_VOXELS, Thinning
-from volsplat.protocol.rules.refinement import PAPER_STEPS, STEP_RULES, finest_moving_step
+from volsplat.protocol.rules.refinement import PAPER_STEPS, STEP_RULES, finest_paper_step
 
 INTERVAL = 1 / 30.0  # seconds between two images while they move
 SMALLER = (0.25, 0.375, 0.5, 0.75)  # images, as shares of the width and of the height
@@ -69,7 +69,7 @@ class Rung(NamedTuple):
 
 def ladder(scene: Scene) -> list[Rung]:
     """All ways to draw a moving scene, the best one last."""
-    finest, side = finest_moving_step(scene), min(scene.image.width, scene.image.height)
+    finest, side = finest_paper_step(scene), min(scene.image.width, scene.image.height)
     if not STEP_RULES[finest].footprint:  # each is far cheaper than the next
         return [Rung(step) for step in PAPER_STEPS if step <= finest]
     shares = [*(share for share in SMALLER if share * side >= LEAST_SIDE), 1.0]
