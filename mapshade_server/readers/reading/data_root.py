@@ -9,8 +9,9 @@ from pathlib import Path
 from volsplat.mapshade_server.readers.reading.named_files import hold_names_to
 from volsplat.program.confinement import confine_reading
 from volsplat.program.temporary_folder import temporary_folder
-from volsplat.protocol.description.volume_name import VolumeName, possible_places, volume_name
+from volsplat.protocol.description.volume_name import possible_places, volume_name
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.file_names import path_of
 
 
 class DataRoot:
@@ -35,7 +36,7 @@ class DataRoot:
         if (name := volume_name(volume)).is_far:
             raise BadInput(f"{name.place}: this server reads no URLs, but what lies below its --data-root")
         for place in possible_places(volume):
-            if not self._has(VolumeName(place, "").plain_place):
+            if not self._has(path_of(place)):
                 raise BadInput(f"{place}: this server reads what lies below its --data-root alone; name that")
 
     def _has(self, place: str) -> bool:
