@@ -115,6 +115,14 @@ def where(tab: Tab, then: str) -> Iterator[Tab]:
         close_tab(other.page)
 
 
+def brings_back(tab: Tab, by: float) -> None:
+    """A push by as much, the other way, leads to where the first one began."""
+    hold(tab, -by)
+    tab.page.mouse.up()
+    back = tab.settles(lambda scene: first_point(scene) < 0.3)
+    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+
+
 @pytest.mark.parametrize("then", ["in the same tab", "after a reload", "in another tab"])
 def test_what_one_push_takes_off_the_axis_another_brings_back(tab: Tab, then: str) -> None:
     hold(tab, 0.5)
@@ -122,10 +130,7 @@ def test_what_one_push_takes_off_the_axis_another_brings_back(tab: Tab, then: st
     tab.settles(lambda scene: first_point(scene) > 0.6)
     until(tab.page, lambda: told(tab) == 0)
     with where(tab, then) as other:
-        hold(other, -0.5)
-        other.page.mouse.up()
-        back = other.settles(lambda scene: first_point(scene) < 0.3)
-    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+        brings_back(other, 0.5)
 
 
 def test_a_push_goes_on_in_another_tab_from_where_undo_and_redo_have_led(tab: Tab) -> None:
@@ -149,10 +154,7 @@ def test_a_push_goes_on_in_another_tab_from_where_undo_and_redo_have_led(tab: Ta
     button("undo").click()
     tab.settles(lambda scene: scene == once)
     with where(tab, "in another tab") as other:
-        hold(other, -0.3)
-        other.page.mouse.up()
-        back = other.settles(lambda scene: first_point(scene) < 0.3)
-    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+        brings_back(other, 0.3)
 
 
 def test_what_a_push_has_cut_off_that_a_reload_ended_comes_back(tab: Tab) -> None:
@@ -161,10 +163,7 @@ def test_what_a_push_has_cut_off_that_a_reload_ended_comes_back(tab: Tab) -> Non
     tab.load()
     tab.settles(lambda scene: first_point(scene) > 0.6)
     tab.page.mouse.up()
-    hold(tab, -0.5)
-    tab.page.mouse.up()
-    back = tab.settles(lambda scene: first_point(scene) < 0.3)
-    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+    brings_back(tab, 0.5)
 
 
 def test_a_push_that_comes_back_to_where_it_began_ends(tab: Tab) -> None:
